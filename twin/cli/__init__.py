@@ -2,7 +2,7 @@
 
 
 def main() -> None:
-    """Run the command line and end the process with its exit code."""
+    """Run twin's command line and end the process with its exit code."""
     import os
     import sys
 

@@ -26,7 +26,7 @@ MAX_REPORT_WORDS = 6
 
 @contextmanager
 def start_expected_job() -> Iterator[None]:
-    """Start the process that the command line probably needs: a run, a report's picture or a sweep's first run.
+    """Start in advance the process that the command line probably needs: for a run, a report's picture or a sweep.
 
     The process ends with the block if unclaimed.
     """
@@ -47,7 +47,7 @@ def start_expected_job() -> Iterator[None]:
 
 
 def _expected_job(words: list[str]) -> str:
-    """Return the job that the command line `words` will probably need; "" if it needs no process."""
+    """Return the job (function name) that a command line will probably need; "" if it needs no process."""
     command, words = "".join(words[:1]), words[1:]
     # with a closed standard stream, the pipes would get its descriptor
     usual = os.name == "posix" and None not in (sys.stdin, sys.stdout, sys.stderr)

@@ -32,7 +32,7 @@ Start with: twin run experiments/fig4_force_position.toml
 
 
 class StudyCommand(click.Command):
-    """A command whose study is imported on use: importing all studies takes longer than most commands."""
+    """A command of the terminal whose study is imported on use, as importing all studies would take long."""
 
     def __init__(self, words: str, text: CommandText):
         super().__init__(words.split()[-1], help=text.help, context_settings=CONTEXT_SETTINGS)
@@ -40,7 +40,7 @@ class StudyCommand(click.Command):
 
     @cached_property
     def function(self) -> Callable[..., Any]:
-        """The function of the study, imported on first use."""
+        """The Python function of the command's study, imported on first use."""
         found: Callable[..., Any] = getattr(import_module(self._text.module), self._text.function)
         return found
 
@@ -62,7 +62,7 @@ class StudyCommand(click.Command):
 
 
 def parameters(function: Callable[..., Any]) -> list[click.Parameter]:
-    """Return the arguments and options of a study, including the shared ones."""
+    """Return a study's command-line arguments and options, including the shared ones."""
     own = inspect.signature(function).parameters
     options = {key: (found.annotation, found.default) for key, found in own.items() if key not in ("say", "reporter")}
     options |= {key: SHARED_OPTIONS[key] for key in vars(function)["study"].shared_options() if key not in own}
@@ -70,7 +70,7 @@ def parameters(function: Callable[..., Any]) -> list[click.Parameter]:
 
 
 def _parameter(name: str, annotation: Any, default: Any) -> click.Parameter:
-    """Convert an argument of a study to a parameter of click."""
+    """Convert an argument of a study function to a parameter of click, the command-line library."""
     if typing.get_origin(annotation) is not Annotated:
         raise TypeError(f"{name}: expected Annotated[TYPE, Option(...)]")
     kind, option = typing.get_args(annotation)[:2]
@@ -111,7 +111,7 @@ class _IntegerRange(click.IntRange):
 
 
 class _NumberRange(click.FloatRange):
-    """A range of numbers; click's own accepts NaN."""
+    """A click parameter type for a range of numbers; click's own accepts NaN."""
 
     name = "number"
 
@@ -162,7 +162,7 @@ class CommandList(click.Group):
 
 
 def twin_command() -> CommandList:
-    """Build the command `twin` with all declared commands; commands without a section come last."""
+    """Build the command-line program `twin` with all declared commands; commands without a section come last."""
     commands: dict[str, click.Command] = {}
     groups: dict[str, dict[str, click.Command]] = {}
     for words, text in command_texts().items():
@@ -205,7 +205,7 @@ def run_command_line(words: list[str]) -> int:
 
 
 def current_spelling(words: list[str]) -> list[str]:
-    """Translate older spellings of options: --isolate without a value and --no-isolate, and --realtime to --realtime=1.
+    """Translate older spellings of command-line options: --isolate without a value, --no-isolate, --realtime.
 
     click would otherwise take the next word as the value.
     """
@@ -217,7 +217,7 @@ def current_spelling(words: list[str]) -> list[str]:
 
 
 def _usage_message(mistake: click.UsageError) -> str:
-    """Return the error message for a command line: the command, the error, and a suggestion or the help to read."""
+    """Return the error message for an invalid command line: command, error, and a suggestion or the help to read."""
     text, context = mistake.format_message().strip(), mistake.ctx
     if context is None:
         return text

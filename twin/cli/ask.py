@@ -38,7 +38,7 @@ LIMIT_OPTIONS = ("limit_step", "limit_wall")
 
 
 def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
-    """Print the answers of a study, as text or as JSON, and end with its exit code.
+    """Run a study for a command: print its answers as text or JSON, and end the process with its exit code.
 
     Raises:
         SystemExit: the exit code is not 0.
@@ -71,7 +71,7 @@ def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
 
 
 def _add_page(answer: Answer) -> Answer:
-    """Write the page about the recording of `answer`, and add the page's path to `answer`."""
+    """Write the report page about the recording of `answer`, and add the page's path to `answer`."""
     # imported here: drawing takes a while to load
     from twin.report.page.page import write_report
 
@@ -86,7 +86,7 @@ def _answers(
     asked: dict[str, Any],
     given: Mapping[str, Any],
 ) -> Iterable[Answer]:
-    """Yield the answers of the study, one after the other; show its progress meanwhile."""
+    """Yield the answers of a study, one after the other; show its progress meanwhile."""
     shared = {key: default if key in own else given.get(key, default) for key, (_, default) in SHARED_OPTIONS.items()}
     name = f"{function.__module__}:{function.__name__}"
     limits = JobLimits(*(given.get(key, SHARED_OPTIONS[key][1]) for key in LIMIT_OPTIONS))
@@ -123,7 +123,7 @@ def run_recording_job(
     limits: JobLimits,
     on_note: NoteListener | None = None,
 ) -> Any:
-    """Run a job that records runs and return its result; a failure's error message includes the state of the recording.
+    """Run a job that records runs and return its result; error messages include the state of the recording.
 
     Args:
         job, arguments, limits: see `run_guarded`.

@@ -21,7 +21,7 @@ HELP_SECTIONS: Mapping[str, tuple[str, ...]] = {
 
 
 class CommandText(NamedTuple):
-    """A command as found in the text of its file: module, function, help."""
+    """A command of twin as declared in the text of its file: module, function, help."""
 
     module: str
     function: str
@@ -29,7 +29,7 @@ class CommandText(NamedTuple):
 
 
 def command_texts() -> dict[str, CommandText]:
-    """Return all commands by their words, such as `drive check`."""
+    """Return all commands of twin by their words, such as `drive check`."""
     found = {}
     for package, folder in COMMAND_FOLDERS.items():
         for file in sorted([*folder.glob("*/study.py"), *folder.glob("*.py")]):
@@ -42,7 +42,7 @@ def command_texts() -> dict[str, CommandText]:
 
 
 class CommandGroup(NamedTuple):
-    """A group of commands of two words with the same first word: its help, and its default second word."""
+    """A group of two-word commands with the same first word: its help, and its default second word."""
 
     help: str
     default: str = ""

@@ -8,20 +8,20 @@ from twin.kernel.errors import InputRefused
 
 
 def experiment_files(incomplete: str) -> list[str]:
-    """Return the experiment files of this folder and of experiments/; else the names of those shipped with twin."""
+    """List experiment files for shell completion: of this folder and experiments/, else the names shipped with twin."""
     files = [*Path().glob("*.toml"), *Path("experiments").glob("*.toml")]
     return _starting_with(incomplete, map(str, files)) or experiment_names(incomplete)
 
 
 def experiment_names(incomplete: str) -> list[str]:
-    """Return the names of the experiments shipped with twin, without folder and suffix."""
+    """List the experiments shipped with twin for shell completion, without folder and suffix."""
     from twin.robot.experiment.experiment_files import known_experiments
 
     return _starting_with(incomplete, known_experiments())
 
 
 def drive_names(incomplete: str) -> list[str]:
-    """Return the names of the drives in fmus/."""
+    """List the drives in fmus/ for shell completion."""
     from twin.robot.paths import locate_file
 
     shelf = locate_file("fmus", Path.cwd())
@@ -30,14 +30,14 @@ def drive_names(incomplete: str) -> list[str]:
 
 
 def role_names(incomplete: str) -> list[str]:
-    """Return the names of the robot's parts that may be third-party."""
+    """List the robot's parts that may be third-party for shell completion."""
     from twin.robot.experiment.source import RETAINED_KEYS
 
     return _starting_with(incomplete, RETAINED_KEYS)
 
 
 def body_names(incomplete: str) -> list[str]:
-    """Return the names of the bodies in bodies/ and experiments/bodies/."""
+    """List the bodies in bodies/ and experiments/bodies/ for shell completion."""
     from twin.robot.experiment.experiment_files import BODY_FOLDERS
     from twin.robot.paths import locate_file
 
@@ -46,7 +46,7 @@ def body_names(incomplete: str) -> list[str]:
 
 
 def setting_keys(incomplete: str) -> list[str]:
-    """Return the keys that are set by the experiments on the command line, or by those they extend."""
+    """List keys for shell completion of --set: those set by the experiments on the command line."""
     from twin.robot.experiment.source import read_source
 
     keys: set[str] = set()

@@ -82,7 +82,7 @@ def explore(
 
 
 def _session(address: str | None) -> "LiveSession | None":
-    """Return the session at `address`; None without an address."""
+    """Create the viewer of the `twin shadow` session at `address`; None without an address."""
     if address is None:
         return None
     # imported here: it takes a while to load

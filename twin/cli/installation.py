@@ -48,7 +48,7 @@ SMOKE_EXPERIMENT = "fig4_force_position.toml"
 
 
 class Finding(NamedTuple):
-    """Result of one check; `text` includes a remedy if the state is not ok."""
+    """Result of one check of the installation; `text` includes a remedy if the state is not ok."""
 
     topic: str
     state: State
@@ -56,17 +56,17 @@ class Finding(NamedTuple):
 
 
 def is_ready(findings: Sequence[Finding]) -> bool:
-    """Return whether experiments run."""
+    """Whether the findings about the installation allow to run experiments."""
     return all(finding.state != "bad" for finding in findings)
 
 
 def lacking_topics(findings: Sequence[Finding]) -> list[str]:
-    """Return the topics of missing features."""
+    """Return the topics of features that the installation lacks, from its findings."""
     return [finding.topic for finding in findings if finding.state == "lacks"]
 
 
 def project_table() -> dict[str, Any]:
-    """Return [project] of the clone's pyproject.toml; without a clone, the installed package's metadata in its form."""
+    """Return [project] of the clone's pyproject.toml; without a clone, the same from the installed package."""
     project = PROJECT_FOLDER / "pyproject.toml"
     return read_toml(project)["project"] if project.is_file() else installed_table()
 
@@ -143,12 +143,12 @@ def _install(requirements: dict[str, str]) -> str:
 
 
 def _problems(texts: list[str]) -> dict[str, str]:
-    """Return requirement -> problem of all unmet requirements."""
+    """Return requirement -> problem of all Python requirements that are not met."""
     return {text: problem for text in texts if (problem := _problem(text))}
 
 
 def _problem(text: str) -> str:
-    """Return the problem of the requirement `text`; "" if it is met."""
+    """Return the problem of the Python requirement `text`, such as "numpy>=2"; "" if it is met."""
     from importlib.metadata import PackageNotFoundError, version
 
     from packaging.requirements import Requirement
@@ -183,7 +183,7 @@ def compiled_finding() -> Finding:
 
 
 def _size(files: Sequence[Path]) -> float:
-    """Return the total size of `files` (MB)."""
+    """Return the total size of files (MB)."""
     return sum(file.stat().st_size for file in files) / 1e6
 
 
@@ -205,7 +205,7 @@ def _damage_note(damaged: Sequence[Path], remedy: str) -> str:
 
 
 def home_finding(home: Path = PROJECT_FOLDER) -> Finding:
-    """Check the location of twin, and that its experiments and drives exist."""
+    """Check the folder where twin is installed, and that its experiments and drives exist."""
     topic, text = ("repository", str(home)) if is_clone() else ("installed", f"twin {__version__} in {PACKAGE_FOLDER}")
     missing = [name for name in ("experiments", "fmus", "tests/baselines") if not (home / name).is_dir()]
     if missing:
@@ -232,7 +232,7 @@ def drives_finding(here: Path) -> Finding:
 
 
 def isolation_finding() -> Finding:
-    """Check whether a run can have its own process."""
+    """Check whether this machine can give a run its own process."""
     if os.name == "posix":
         return Finding(
             "isolation", "ok", "a run lives in a process of its own; a drive that crashes costs only its run"
@@ -259,7 +259,7 @@ def browser_finding() -> Finding:
 
 
 def smoke_finding(home: Path) -> Finding:
-    """Run one second of Fig. 4 with `twin run`."""
+    """Check the installation by running one second of Fig. 4 with `twin run`."""
     import subprocess
     import tempfile
     import time
@@ -291,7 +291,7 @@ def examine(here: Path, with_run: bool) -> list[Finding]:
 
 
 def verdict(findings: Sequence[Finding]) -> str:
-    """Return the verdict: `ready`, `ready, without: live` or `not ready: packages`."""
+    """Return the verdict on the installation: `ready`, `ready, without: live` or `not ready: packages`."""
     if not is_ready(findings):
         return "not ready: " + ", ".join(finding.topic for finding in findings if finding.state == "bad")
     without = lacking_topics(findings)
@@ -299,7 +299,7 @@ def verdict(findings: Sequence[Finding]) -> str:
 
 
 def examination_text(findings: Sequence[Finding]) -> str:
-    """Format the verdict and the findings, in at most 80 columns except for paths."""
+    """Format the verdict on the installation and its findings, in at most 80 columns except for paths."""
     lines = [verdict(findings)]
     for finding in findings:
         lines += wrap_text(finding.text, f"  {finding.state:6} {finding.topic:10} ", whole=True)

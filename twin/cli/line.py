@@ -15,7 +15,7 @@ from twin.kernel.process.job import interruption
 
 
 def main() -> None:
-    """Run the command line and end the process with its exit code."""
+    """Run twin's command line and end the process with its exit code."""
     with standard_streams():
         guard_terminal()
         code, sentence = _run_command()
@@ -25,7 +25,7 @@ def main() -> None:
 
 
 def _run_command() -> tuple[int | str | None, str]:
-    """Run the command; return its exit code and an error message, "" after success or if already printed."""
+    """Run twin's command line; return its exit code and an error message, "" after success or if already printed."""
     code: int | str | None
     try:
         try:

@@ -144,7 +144,7 @@ def run(
 
 
 class RunPageWriter:
-    """Writer of one page about all runs when they are over, even if one of them failed."""
+    """Writer of one report page about all runs of a command when they are over, even if one of them failed."""
 
     def __init__(self, wanted: bool, as_json: bool):
         self._wanted = wanted
@@ -152,7 +152,7 @@ class RunPageWriter:
         self._folders: list[Path] = []
 
     def collect_folders(self, listener: NoteListener) -> NoteListener:
-        """Wrap `listener` to collect the folders of the runs from the notes."""
+        """Wrap a listener to job notes so that it also collects the folders of the runs."""
 
         def on_note(note: dict[str, Any]) -> None:
             if "folder" in note:

@@ -24,7 +24,7 @@ MAX_EVENTS = 20
 
 
 def run_text(run: Mapping[str, Any]) -> str:
-    """Format a run for people, in at most 80 columns except for paths.
+    """Format the result of a run for people, in at most 80 columns except for paths.
 
     Args:
         run: fields of `twin.robot.run.Run`, `real_time_factor`, `remarks`, and the name of the `experiment`.
@@ -40,7 +40,7 @@ def run_text(run: Mapping[str, Any]) -> str:
 
 
 def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
-    """Convert a run to JSON-serialisable values; `run` as in `run_text`."""
+    """Convert the result of a run to JSON-serialisable values; `run` as in `run_text`."""
     return {
         "experiment": run["experiment"],
         "recording": str(run["recording"]),
@@ -62,7 +62,7 @@ def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
 
 
 def _warning(values: Values) -> str:
-    """Return a warning for the first line if the overshoot is large, `  OVERSHOOT 34.0 %, 1.70 N`; else ""."""
+    """Return a warning of a run's large overshoot, `  OVERSHOOT 34.0 %, 1.70 N`; "" if it is not large."""
     share = values["hold_overshoot"].value
     if share is None or share <= LARGE_OVERSHOOT:
         return ""
@@ -70,7 +70,7 @@ def _warning(values: Values) -> str:
 
 
 def _hold(values: Values) -> Iterator[str]:
-    """Format the first measures of a held force, or the reason why they are missing, then torque and work."""
+    """Format the measures of a run's held force, or the reason why they are missing, then torque and work."""
     error, begin, end = (values[key] for key in ("hold_error", "hold_begin", "hold_end"))
     if error.value is None or begin.value is None or end.value is None:
         yield from wrap_text(f"none: {error.reason}", _row("held", ""))
@@ -115,7 +115,7 @@ def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> I
 
 
 def _held_text(one: Mapping[str, Any], several: bool) -> str:
-    """Format a held force: `7.93 to 8.02 N for 8.00 N, 4.4 to 9.4 s, error 0.009 N`."""
+    """Format a held force of a run: `7.93 to 8.02 N for 8.00 N, 4.4 to 9.4 s, error 0.009 N`."""
     name = f"task {one['task']}: " if several else ""
     asked = f"{one['force']:.2f} N"
     if one["least"] is None:
@@ -152,7 +152,7 @@ def _drives(run: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _comes_with_twin(name: str, digest: str) -> bool:
-    """Return whether `name` is one of twin's own FMUs, unmodified; `digest` is the beginning of its SHA-256."""
+    """Whether the FMU `name` is one of twin's own, unmodified; `digest` is the beginning of its SHA-256."""
     files = [file for file in (PROJECT_FOLDER / "fmus").glob("*/*.fmu") if file.name == name]
     return any(sha256(file).startswith(digest) for file in files)
 

@@ -23,11 +23,11 @@ _NEXT_COMMAND = re.compile(r"^(\s*(?:next|then):? +)twin(?= )", re.MULTILINE)
 
 
 class NoReader(Exception):
-    """Standard output has lost its reader, such as `head`."""
+    """Exception that standard output has lost its reader, such as `head`."""
 
 
 class _Stream:
-    """Wrapper of a stream that forwards everything except writing."""
+    """Base of wrappers of a text stream that forward everything except writing."""
 
     def __init__(self, stream: TextIO):
         self._stream = stream
@@ -37,10 +37,10 @@ class _Stream:
 
 
 class Outlet(_Stream):
-    """Standard output whose failures are raised with a clear error message."""
+    """Wrapper of standard output that raises clear errors when writing fails."""
 
     def write(self, text: str) -> int:
-        """Write `text`; return the number of characters.
+        """Write text to standard output; return the number of characters.
 
         Raises:
             NoReader: the reader has gone.
@@ -50,13 +50,13 @@ class Outlet(_Stream):
             return self._stream.write(text)
 
     def flush(self) -> None:
-        """Flush the stream; raises as `write` does."""
+        """Flush standard output; raises as `write` does."""
         with _writing_output():
             self._stream.flush()
 
 
 class BestEffortStderr(_Stream):
-    """Standard error that ignores failed writes."""
+    """Wrapper of standard error that ignores failed writes."""
 
     def write(self, text: str) -> int:
         with contextlib.suppress(OSError):
@@ -105,7 +105,7 @@ def _writing_output() -> Iterator[None]:
 
 
 def _redirect_to_null(number: int) -> None:
-    """Redirect a stream to null: at exit Python would try once more to flush it, and fail again."""
+    """Redirect a broken output stream to null: at exit Python would try to flush it once more, and fail again."""
     nothing = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nothing, number)
     os.close(nothing)
@@ -116,21 +116,21 @@ def _open_output(number: int) -> TextIO:
 
 
 class EscapingTerminal(_Stream):
-    """A terminal that escapes control characters: `\\x07` instead of a bell."""
+    """Wrapper of a terminal's output that escapes control characters: `\x07` instead of a bell."""
 
     def write(self, text: str) -> int:
-        """Write `text` with control characters escaped."""
+        """Write text to the terminal with control characters escaped."""
         return self._stream.write(_CONTROL_CHARACTERS.sub(lambda found: repr(found[0])[1:-1], text))
 
 
 def guard_terminal() -> None:
-    """Replace standard output by `EscapingTerminal` if it is a terminal; files and pipes get the unchanged text."""
+    """Escape control characters in standard output if it is a terminal; files and pipes get the unchanged text."""
     if sys.stdout.isatty():
         sys.stdout = EscapingTerminal(sys.stdout)  # type: ignore[assignment]
 
 
 def print_answer(answer: "Answer", as_json: bool = False) -> None:
-    """Print `answer`; suggested next commands begin with the program's name for the shell."""
+    """Print the answer of a command; suggested next commands begin with the program's name for the shell."""
     from twin.cli.terminal import program
 
     text = _NEXT_COMMAND.sub(lambda found: found[1] + shlex.quote(program()), answer.text)

@@ -40,7 +40,8 @@ def compiling_text(done: int, about: int, seconds: float) -> str:
 
 
 class PlainProgress:
-    """Progress without a terminal, or on one that cannot rewrite its line: one line per minute for long waits only.
+    """Progress display without a terminal, or on one that cannot rewrite its line: a line per minute of long waits.
+
     Base class of the other displays.
     """
 
@@ -67,13 +68,13 @@ class PlainProgress:
         self.say(f"{what}  {share:.0%}" + (f"  about {duration_text(left)} left" if left > MIN_SHOWN_TIME else ""))
 
     def compile(self, done: int, about: int, seconds: float) -> None:
-        """Show a compilation that has taken `seconds`: `done` of about `about` functions, 0 if unknown."""
+        """Show that code is being compiled: `seconds` so far, `done` of about `about` functions, 0 if unknown."""
         if (about or seconds > COMPILE_NOTICE_DELAY) and not self._printed:
             self._printed = True
             print("compiling, once: some 10 s, more on a busy machine", file=sys.stderr, flush=True)
 
     def begin(self, name: str, duration: float) -> None:
-        """Show that the run `name` is being loaded, which will simulate `duration` (s)."""
+        """Show that a run is being loaded, with its `name` and the `duration` (s) that it will simulate."""
         self._name, self._duration, self._began = escape_controls(name), duration, None
 
     def move(self, share: float) -> None:
@@ -84,17 +85,17 @@ class PlainProgress:
         )
 
     def clear(self) -> None:
-        """Erase the line for other output; the next call shows it again."""
+        """Erase the progress line for other output; the next call shows it again."""
 
     def _progress_texts(self, share: float) -> tuple[str, str, float]:
-        """Return simulated time, `12.3 / 20.0 s`, in constant width; speed, `412 x real time`; remaining time (s)."""
+        """Format a run's progress: simulated time, `12.3 / 20.0 s`, speed, `412 x real time`, remaining time (s)."""
         speed, left = self._pace(share)
         total = f"{self._duration:.1f}"
         clock = f"{share * self._duration:{len(total)}.1f} / {total} s"
         return clock, f"{speed * self._duration:.3g} x real time" if speed else "", left
 
     def _pace(self, share: float) -> tuple[float, float]:
-        """Return (share done per second, remaining wall time (s)); 0 while unknown."""
+        """Estimate (share done per second, remaining wall time (s)) of the run; 0 while unknown."""
         now = time.monotonic()
         if self._began is None or share < self._share:
             self._began, self._first = now, share
@@ -104,7 +105,7 @@ class PlainProgress:
 
 
 class PlainLine(PlainProgress):
-    """Progress on a line of text that is rewritten with carriage returns; `rich` would need escape codes."""
+    """Progress display on a line of text that is rewritten with carriage returns; `rich` would need escape codes."""
 
     def say(self, what: str) -> None:
         self._write(f"{self._name}  {what}".strip())
@@ -126,7 +127,7 @@ class PlainLine(PlainProgress):
 
 
 class Bar(PlainProgress):
-    """Progress bar of `rich` with simulated time, speed and remaining wall time."""
+    """Progress bar (by `rich`) of a run with simulated time, speed and remaining wall time."""
 
     def __init__(self) -> None:
         from rich import progress as rich_progress
@@ -205,7 +206,7 @@ class Bar(PlainProgress):
 
 
 def progress() -> PlainProgress:
-    """Return the display that suits standard error: a bar, a plain line under NO_COLOR, or printed lines.
+    """Create the progress display that suits standard error: a bar, a plain line under NO_COLOR, or printed lines.
 
     Standard output is left to results, so that it can be piped while progress is shown.
     """
@@ -215,7 +216,7 @@ def progress() -> PlainProgress:
 
 
 class CompileWatch:
-    """Watcher of the cache of compiled code that shows new entries on `progress`, from `start` to `end`.
+    """Watcher of the cache of compiled code, which shows new entries on the progress display.
 
     It counts entries by other commands too: they need not be compiled again here.
     """
@@ -227,11 +228,11 @@ class CompileWatch:
         self._thread = threading.Thread(target=self._look, daemon=True)
 
     def start(self) -> None:
-        """Start watching the cache."""
+        """Start watching the cache of compiled code."""
         self._thread.start()
 
     def end(self) -> None:
-        """Stop watching, so that the line is free for other output; may be called repeatedly."""
+        """Stop watching the cache of compiled code and free the progress line; may be called repeatedly."""
         self._over.set()
         if self._thread.is_alive():
             self._thread.join()
@@ -278,19 +279,19 @@ class TerminalDisplay:
             print(f"  next       {shlex.join([program(), 'report', *map(str, self._done)])}")
 
     def watch(self) -> None:
-        """Show compilations on the terminal from now on."""
+        """Show compilations of code on the terminal from now on."""
         if sys.stderr.isatty():
             self._watch.start()
 
     def say(self, what: str, share: float | None = None) -> None:
-        """Show the current activity and the share done; fits `Say`."""
+        """Show the current activity and the share done on the terminal; fits `Say`."""
         # compilation is over once a step has been completed
         if share:
             self._watch.end()
         self._progress.step(what, share)
 
     def on_note(self, note: dict[str, Any]) -> None:
-        """Handle a note of a job, see `recorded_runs`, `recorded` and `answered`."""
+        """Show a note of a running job on the terminal, see `recorded_runs`, `recorded` and `answered`."""
         if "say" in note:
             self.say(note["say"], note["share"])
         elif "run" in note:
@@ -314,12 +315,12 @@ class TerminalDisplay:
             self._progress.begin(self._name, note["duration"])
 
     def clear(self) -> None:
-        """Clear the terminal for other output."""
+        """Erase the progress line for other output."""
         self._watch.end()
         self._progress.clear()
 
     def show(self, done: int, total: int) -> None:
-        """Move the bar to `done` of `total` ticks; before the first step nothing changes, as more may be compiled."""
+        """Move the bar to `done` of `total` ticks; unchanged before the first step, as more may be compiled."""
         if not done:
             return
         self._watch.end()
@@ -327,7 +328,7 @@ class TerminalDisplay:
 
 
 def program() -> str:
-    """Return the command with which a shell finds this program: `twin`, or its path, as in `make run`."""
+    """Return the shell command that starts this program: `twin`, or its path, as in `make run`."""
     called = sys.argv[0]
     if os.path.basename(called) != "twin" or os.sep not in called:
         return "twin"
@@ -339,6 +340,6 @@ def program() -> str:
 
 
 def _shortest(folder: Path) -> Path:
-    """Return results/EXPERIMENT for the folder of its latest run; any other folder unchanged."""
+    """Shorten the folder of an experiment's latest run to results/EXPERIMENT; return any other folder unchanged."""
     latest = folder.parent / LATEST_LINK
     return folder.parent if latest.is_symlink() and latest.resolve() == folder.resolve() else folder

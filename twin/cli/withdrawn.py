@@ -21,7 +21,7 @@ WITHDRAWN_OPTIONS = {
 
 
 def withdrawn_options(command: str) -> list[click.Parameter]:
-    """Return the hidden options of `command`, which refuse to be used."""
+    """Return hidden options for options that a command no longer has; each refuses to be used."""
     return [_refusing_option(option, instead) for (of, option), instead in WITHDRAWN_OPTIONS.items() if of == command]
 
 

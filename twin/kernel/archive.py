@@ -68,12 +68,12 @@ def entries(file: Path, kind: str = "FMU") -> dict[str, int]:
 
 
 def entry_path(info: zipfile.ZipInfo) -> str:
-    """Return the path of an entry below the unpacked folder; some tools write Windows separators."""
+    """Return the file path of an archive entry below the folder that the archive is unpacked to."""
     return info.filename.replace("\\", "/")
 
 
 def entry_of(source: str, names: dict[str, int], base: str) -> str:
-    """Resolve the relative URI `source` to an entry among `names`; "" if it is not among them.
+    """Resolve a relative URI inside an archive to one of the entry names `names`; "" if it is not among them.
 
     Args:
         base: entry that contains the URI.
@@ -87,7 +87,7 @@ def entry_of(source: str, names: dict[str, int], base: str) -> str:
 
 
 def read_entry(file: Path, entry: str, limit: int = MAX_TEXT_BYTES) -> bytes:
-    """Read an entry of the archive `file`, which `entries` must have accepted.
+    """Read the content of an entry of the archive `file`, which `entries` must have accepted.
 
     Raises:
         InputRefused: the entry has more than `limit` bytes.

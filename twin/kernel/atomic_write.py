@@ -22,7 +22,7 @@ def make_folder(folder: Path) -> Path:
 
 @contextlib.contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """Yield a temporary file in the folder of `path`; rename it to `path` when the block ends without an error.
+    """Write a file atomically: yield a temporary path in its folder, and rename that to `path` if the block succeeds.
 
     Missing folders are created. A link is followed: its target is replaced, the link stays.
 
@@ -57,7 +57,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 
 def refuse_unwritable(path: Path) -> None:
-    """Check that `atomic_write` would accept `path`, before there is data to write; create missing folders.
+    """Check that a file could be written to `path`, before there is data to write; create missing folders.
 
     Raises:
         InputRefused: a folder, pipe or device is at `path`.
@@ -68,12 +68,14 @@ def refuse_unwritable(path: Path) -> None:
 
 
 class _DryRunEnd(Exception):
-    """End of a check without data to write."""
+    """Exception that ends a dry run of writing a file, so that nothing is written."""
 
 
 @contextlib.contextmanager
 def open_unbuffered(path: Path) -> Iterator[Callable[[str], None]]:
-    """Truncate `path` and yield an unbuffered `append(text)`; appended text survives a crash.
+    """Truncate the file at `path` and yield a function that appends text to it without buffering.
+
+    Appended text survives a crash.
 
     Raises:
         NotWritten: the folder or the disk refuses, also in `append`.
@@ -93,23 +95,23 @@ def open_unbuffered(path: Path) -> Iterator[Callable[[str], None]]:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write `content` to the file at `path`, see `atomic_write`."""
+    """Write bytes to the file at `path`, atomically, see `atomic_write`."""
     with atomic_write(path) as beside:
         beside.write_bytes(content)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text`, in UTF-8, to the file at `path`, see `atomic_write`."""
+    """Write text in UTF-8 to the file at `path`, atomically, see `atomic_write`."""
     write_bytes(path, text.encode("utf-8"))
 
 
 def write_json(path: Path, facts: Any) -> None:
-    """Write `facts` to the JSON file at `path`, see `json_text`."""
+    """Write `facts` as JSON to the file at `path`, atomically, see `json_text`."""
     write_text(path, json_text(facts, indent=2) + "\n")
 
 
 def json_text(facts: Any, indent: int | None = None) -> str:
-    """Encode `facts` as JSON; infinity and NaN, which JSON lacks, become null."""
+    """Encode mappings, lists and numbers as JSON text; infinity and NaN, which JSON lacks, become null."""
     try:
         return json.dumps(facts, indent=indent, allow_nan=False)
     except ValueError:
@@ -117,7 +119,7 @@ def json_text(facts: Any, indent: int | None = None) -> str:
 
 
 def inline_table(facts: Mapping[str, Any]) -> Any:
-    """Convert `facts` to an inline table of TOML, for tomlkit to write."""
+    """Convert the mapping `facts` to an inline TOML table, for tomlkit to write."""
     # imported here: it takes about 30 ms, which most commands need not spend
     from tomlkit import inline_table
 

@@ -43,7 +43,7 @@ def cache_folder(name: str) -> Path:
 
 
 def cache_base() -> Path:
-    """Return the location of the cache: TWIN_CACHE, or the platform's cache folder.
+    """Return the location of twin's cache: the variable TWIN_CACHE, or the platform's cache folder.
 
     Raises:
         InputRefused: TWIN_CACHE is not an absolute path, or there is no home folder.
@@ -104,7 +104,7 @@ def discard_foreign(path: Path) -> None:
 
 
 def ownership_problem(path: Path) -> str:
-    """Return which path at or below `path` is not private to the user, and why; "" if all are, or if it is missing."""
+    """Return an error message if `path` or an entry below it is not private to the user; else "", also if missing."""
     if not hasattr(os, "geteuid"):
         return ""
     try:
@@ -129,7 +129,7 @@ def ownership_problem(path: Path) -> str:
 
 
 def _owner_problem(*found: os.stat_result) -> str:
-    """Return why the files `found` do not belong to the user; "" if they do."""
+    """Return an error message if files do not belong to the user; "" if they all do."""
     if not hasattr(os, "geteuid"):
         return ""
     others = {_owner(one) for one in found} - {os.geteuid()}
@@ -141,14 +141,14 @@ def _owner(found: os.stat_result) -> int:
 
 
 def _permission_problem(found: os.stat_result) -> str:
-    """Return why other users can write to the file `found`; "" if they cannot. The mode of a link is meaningless."""
+    """Return an error message if other users can write to the file `found`; else "". A link's mode is meaningless."""
     if not hasattr(os, "geteuid") or stat.S_ISLNK(found.st_mode) or not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         return ""
     return f"others can write to it (mode {stat.S_IMODE(found.st_mode):o})"
 
 
 def lock_against_eviction(folder: Path) -> bool:
-    """Lock `folder` against eviction while this process lives, and mark it as used; return whether it exists.
+    """Lock a cache folder against eviction while this process lives, mark it as used, and return whether it exists.
 
     Raises:
         OSError: it exists and cannot be used.
@@ -178,7 +178,7 @@ def lock_against_eviction(folder: Path) -> bool:
 
 
 def _entries_below(folder: str | os.PathLike[str]) -> Iterator["os.DirEntry[str]"]:
-    """Yield all entries below `folder`, a folder before its entries.
+    """Yield all files and folders below `folder` recursively, a folder before its entries.
 
     Pathlib would take ten times as long.
     """
@@ -193,7 +193,7 @@ def _entries_below(folder: str | os.PathLike[str]) -> Iterator["os.DirEntry[str]
 
 
 def evict(home: Path, most: int, names: re.Pattern[str] = _HASH_NAME) -> None:
-    """Remove the least recently used folders or files in `home` until `most` remain; locked ones stay.
+    """Remove the least recently used folders or files of the cache folder `home` until `most` remain; locked ones stay.
 
     Abandoned unfinished folders are removed too.
 
@@ -243,7 +243,7 @@ def _delete(path: Path) -> None:
 
 @contextlib.contextmanager
 def _exclusive_lock(folder: Path) -> Iterator[None]:
-    """Hold an exclusive lock on `folder` during the block; raise `OSError` if a process has it locked."""
+    """Hold an exclusive lock on `folder` during the block; raise `OSError` if another process has locked it."""
     if fcntl is None:
         yield
         return
@@ -257,7 +257,7 @@ def _exclusive_lock(folder: Path) -> Iterator[None]:
 
 
 def _default_base() -> Path:
-    """Return the platform's cache folder; relative XDG base directories are ignored."""
+    """Return the platform's default cache folder for applications; relative XDG base directories are ignored."""
     if sys.platform == "win32":
         local = os.environ.get("LOCALAPPDATA", "")
         return (Path(local) if local else Path.home() / "AppData" / "Local") / "twin"

@@ -20,41 +20,44 @@ class TwinError(Exception):
 
 
 class InputRefused(TwinError):
-    """Refusal of a configuration, FMU or file before the run: place, value, expected value, remedy."""
+    """Error that refuses a configuration, FMU or file before the run: place, value, expected value, remedy."""
 
     exit_code = 2
 
 
 class NotWritten(TwinError):
-    """Failure to write a file: read-only folder, full disk. The previous file is unchanged."""
+    """Error that a file cannot be written: read-only folder, full disk. The previous file is unchanged.
+
+    The previous file is unchanged.
+    """
 
     exit_code = 3
 
 
 class ComponentFailed(TwinError):
-    """Failure of a component during the co-simulation."""
+    """Error that a component failed during the co-simulation."""
 
     exit_code = 3
 
 
 class EndRequest(ComponentFailed):
-    """A component's request to end the simulation; a regular end if the caller treats it so."""
+    """Error by which a component requests the end of the simulation; a regular end if the caller treats it so."""
 
 
 class SafetyTrip(TwinError):
-    """Trip of the safety monitor in a run without intended faults."""
+    """Error that the safety monitor tripped in a run without intended faults."""
 
     exit_code = 4
 
 
 class InternalError(TwinError):
-    """An unexpected exception of this process or of a worker: a defect of twin."""
+    """Error for an unexpected exception of this process or of a worker: a defect of twin."""
 
     exit_code = 70
 
 
 def internal_error() -> InternalError:
-    """Return the error for the exception that is being handled, with its traceback."""
+    """Convert the exception that is being handled to an `InternalError` with its traceback."""
     # imported here: most commands never need it
     import traceback
 
@@ -91,7 +94,7 @@ def translate_disk_errors(
 
 
 def nearest(got: str, known: Iterable[str], otherwise: str = "known are {}", most: int = 1) -> str:
-    """Return a hint from a misspelt name to a known one: `did you mean 'kp_per_s'?`
+    """Return a hint from a misspelt name to the most similar known name: `did you mean 'kp_per_s'?`
 
     Args:
         got: misspelt name. A known name that contains it as whole words is preferred to a similar one: a missing unit
@@ -137,19 +140,19 @@ def terminal_text(text: str) -> str:
 
 
 class RecordingWriteError(NotWritten):
-    """Failure to write a recording: disk full, no permission; the data written so far stays readable."""
+    """Error that a recording cannot be written: disk full, no permission; the data written so far stays readable."""
 
 
 class RecordingError(InputRefused):
-    """Refusal of an unreadable recording: missing, empty, not MCAP, or of another layout."""
+    """Error that a recording cannot be read: missing, empty, not MCAP, or of another layout."""
 
 
 class RecordingDamageError(RecordingError):
-    """Damage of a recording: bytes changed since they were written; `salvage=True` reads the data before the damage."""
+    """Error that bytes of a recording have changed since it was written; `salvage=True` reads the data before."""
 
 
 class UnknownSeries(RecordingError, KeyError):
-    """A topic or field that a recording does not have.
+    """Error that a recording lacks a topic or field.
 
     Args:
         sentence: error message.

@@ -93,7 +93,7 @@ def suggestion(path: Path) -> str:
 
 
 def foreign_kind(content: bytes) -> str:
-    """Return the kind of a file with one of the `FILE_SIGNATURES`; "" for any other file."""
+    """Return the kind of a binary file, recognised by its first bytes, see `FILE_SIGNATURES`; "" for any other file."""
     return next((kind for beginning, kind in FILE_SIGNATURES if content.startswith(beginning)), "")
 
 
@@ -177,12 +177,12 @@ def parse_xml(content: bytes, where: str) -> ET.Element:
 
 
 class _SafeTreeBuilder(ET.TreeBuilder):
-    """Element builder that limits the depth and refuses document types, whose entities can multiply elements."""
+    """XML element builder that limits the depth and refuses document types, whose entities can multiply elements."""
 
     _depth = 0
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        """Refuse a document type before any of its entities is used."""
+        """Refuse an XML document type before any of its entities is used."""
         raise ValueError("it has a document type (DOCTYPE); do not trust this file")
 
     def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
@@ -207,7 +207,7 @@ def _parse(language: str, parse: Callable[[Any], Any], text: str | bytes, where:
 
 
 def _check_values(found: Any) -> Any:
-    """Check that `found` is at most `MAX_DEPTH` deep and has only 64-bit integers, and return it.
+    """Check that a parsed value is at most `MAX_DEPTH` deep and has only 64-bit integers, and return it.
 
     A deeper value raises RecursionError, a larger integer ValueError.
     """

@@ -26,7 +26,7 @@ VIEWER_ORIGINS = ("https://app.foxglove.dev", "https://lichtblick-suite.github.i
 
 @dataclass(frozen=True)
 class GatePolicy:
-    """Access rules of a server.
+    """Access rules of a local server: permitted hosts, origins and cookie.
 
     Attributes:
         hosts: pattern of the Host header in lower case.
@@ -47,8 +47,7 @@ class GatePolicy:
 
 
 def viewer_policy(origins: Sequence[str] = ()) -> GatePolicy:
-    """Return the policy of the live server: viewers, pages of this machine and programs watch; the token lets them
-    tune.
+    """Return the access rules of the live server: viewers and pages of this machine watch; the token lets them tune.
 
     Args:
         origins: additional allowed origins, beyond `VIEWER_ORIGINS` and pages of this machine.
@@ -67,7 +66,7 @@ def viewer_policy(origins: Sequence[str] = ()) -> GatePolicy:
 
 
 def own_page_policy(port: int) -> GatePolicy:
-    """Return the policy of a server whose own pages run native code: only its origin and port, and only with the token.
+    """Return the access rules of a server with own pages that run native code: only its origin, only with the token.
 
     A browser sends the token first in the address that the terminal shows, then in a cookie. Pages of other sites
     cannot make it send the cookie (SameSite=Strict), and scripts cannot read it (HttpOnly). Browsers share cookies
@@ -85,7 +84,7 @@ def own_page_policy(port: int) -> GatePolicy:
 
 
 class Gate:
-    """Gatekeeper that checks every request to a server.
+    """Gatekeeper that checks the host, origin and token of every request to a server.
 
     Args:
         token: secret shown in the terminal, which a request must contain; None for a new one.
@@ -95,7 +94,7 @@ class Gate:
         self.policy, self.token = policy, token or secrets.token_urlsafe(16)
 
     def refusal(self, headers: Headers, changes: bool = True) -> str:
-        """Return why a request with these headers is refused, or "".
+        """Return the reason why a request with these headers is refused; "" if it is admitted.
 
         Args:
             changes: whether it does more than read, like a WebSocket.
@@ -114,7 +113,7 @@ class Gate:
         return ""
 
     def knows(self, path: str) -> bool | None:
-        """Return whether the `path` of a request contains the right token; None if it contains no token."""
+        """Whether the address `path` of a request contains the right token; None if it contains no token."""
         try:
             named = parse_qs(urlsplit(path).query).get("token")
         # a path such as //[
@@ -123,10 +122,10 @@ class Gate:
         return None if named is None else any(map(self._is_token, named))
 
     def knows_cookie(self, headers: Headers) -> bool:
-        """Return whether a cookie of the request carries the token."""
+        """Whether a cookie of the request carries the right token."""
         pairs = [pair.strip().partition("=") for line in headers.get_all("Cookie") for pair in line.split(";")]
         return any(name == self.policy.cookie and self._is_token(value) for name, _, value in pairs)
 
     def _is_token(self, given: str) -> bool:
-        """Return whether `given` is the token, in constant time."""
+        """Whether `given` equals the server's token, compared in constant time."""
         return secrets.compare_digest(given.encode(), self.token.encode())

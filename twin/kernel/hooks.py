@@ -7,7 +7,7 @@ from typing import Any
 
 @dataclass
 class Hooks:
-    """The callbacks registered in this process; a guarded process registers its own before its first job.
+    """The callbacks of this process for compilations, FMI calls and simulations; a guarded process registers its own.
 
     Attributes:
         before_compiling: called once each, before this process compiles for the first time.

@@ -20,7 +20,7 @@ Number = Annotated[int, Field(ge=0, lt=2**32)]
 
 
 class Level(IntEnum):
-    """Severity of a status message."""
+    """Severity of a status message to viewers."""
 
     INFO = 0
     WARNING = 1
@@ -28,7 +28,7 @@ class Level(IntEnum):
 
 
 class Channel(NamedTuple):
-    """A channel: number, topic, message type, FileDescriptorSet of the type, field -> meaning.
+    """A channel of the live server: number, topic, message type, FileDescriptorSet of the type, field -> meaning.
 
     The message of a `constant` channel never changes: each viewer gets it once.
     """
@@ -42,7 +42,7 @@ class Channel(NamedTuple):
 
 
 class Message(NamedTuple):
-    """A protobuf message of a channel, at a simulation time (ns)."""
+    """A protobuf message of a live channel, at a simulation time (ns)."""
 
     channel: int
     time: int
@@ -56,7 +56,7 @@ def server_info(session: str) -> str:
 
 
 def advertisement(channels: Sequence[Channel]) -> str:
-    """Encode the list of channels."""
+    """Encode the list of channels that the live server offers to viewers."""
     return _message(
         "advertise",
         channels=[
@@ -75,7 +75,7 @@ def advertisement(channels: Sequence[Channel]) -> str:
 
 
 def parameter_values(values: Mapping[str, bool | float | str], request: str | None = None) -> str:
-    """Encode parameters and their values, in response to the `request` of that id."""
+    """Encode parameters and their values for a viewer, in response to its `request` of that id."""
     # without the type a viewer would return a whole number as an integer and then refuse fractions
     listed = [
         {"name": name, "value": value} | ({} if isinstance(value, bool | str) else {"type": "float64"})
@@ -85,22 +85,22 @@ def parameter_values(values: Mapping[str, bool | float | str], request: str | No
 
 
 def status(level: Level, text: str) -> str:
-    """Encode an error, warning or note for the viewer's user."""
+    """Encode a status message (error, warning or note) for the viewer's user."""
     return _message("status", level=int(level), message=text)
 
 
 def time_message(time: int) -> bytes:
-    """Encode the simulation time (ns)."""
+    """Encode the simulation time (ns) as a message to viewers."""
     return struct.pack("<BQ", _TIME_OPCODE, time)
 
 
 def message_data(subscription: int, message: Message) -> bytes:
-    """Encode `message` for a subscription number."""
+    """Encode `message` as a frame for a viewer's subscription number."""
     return _MESSAGE_HEAD.pack(_MESSAGE_OPCODE, subscription, message.time) + message.content
 
 
 def parse_message_data(frame: bytes) -> tuple[int, int, bytes] | None:
-    """Decode `message_data` into (subscription, simulation time (ns), content); None for a frame of another kind."""
+    """Decode a data frame into (subscription, simulation time (ns), content); None for a frame of another kind."""
     if frame[:1] != bytes([_MESSAGE_OPCODE]) or len(frame) < _MESSAGE_HEAD.size:
         return None
     _, subscription, time = _MESSAGE_HEAD.unpack_from(frame)
@@ -108,7 +108,7 @@ def parse_message_data(frame: bytes) -> tuple[int, int, bytes] | None:
 
 
 class _Request(BaseModel):
-    """A viewer's request; unknown fields are ignored."""
+    """Base of a viewer's requests; unknown fields are ignored."""
 
     model_config = ConfigDict(strict=True, extra="ignore")
 
@@ -131,7 +131,7 @@ class Unsubscribe(_Request):
 
 
 class GetParameters(_Request):
-    """A request for parameters; all of them if it lists no names."""
+    """A viewer's request for the values of parameters; of all if it lists no names."""
 
     op: Literal["getParameters"]
     names: list[str] = Field(alias="parameterNames")
@@ -139,7 +139,7 @@ class GetParameters(_Request):
 
 
 class ParameterRequest(_Request):
-    """A new value of a parameter; None to remove it."""
+    """A viewer's request for a new value of a parameter; None to remove the parameter."""
 
     name: str
     value: Any = None
@@ -161,7 +161,7 @@ _REQUEST_ADAPTER: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(di
 
 
 def parse_request(text: str) -> Request:
-    """Parse a viewer's request; raise InputRefused if unknown or invalid."""
+    """Parse a viewer's JSON request; raise InputRefused if unknown or invalid."""
     try:
         return _REQUEST_ADAPTER.validate_json(text)
     except ValidationError as mistake:

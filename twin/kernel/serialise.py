@@ -41,7 +41,7 @@ def to_dict(value: Any) -> Any:
 
 
 def _value_at(record: Any, path: str) -> Any:
-    """Return the value at `path`: attributes, keys of mappings and indices, separated by dots."""
+    """Return the value at `path` in a record: attributes, keys of mappings and indices, separated by dots."""
     for name in path.split("."):
         if isinstance(record, Mapping):
             record = record[name]

@@ -25,7 +25,7 @@ Triple = tuple[float, float, float]
 
 
 class Setting(NamedTuple):
-    """Declaration of one key of a table.
+    """Declaration of one key of an experiment's table: unit, default, meaning and bounds.
 
     Attributes:
         unit: unit of the number in the file, `N m/rad`; "" for none.
@@ -52,7 +52,7 @@ class Setting(NamedTuple):
     more: Mapping[str, Any]
 
     def key(self, name: str) -> str:
-        """Return the key of the file: `name` and the unit as in `kp_mm_per_N`, joined by "_"; words after "per" divide.
+        """Key of the setting in the file: `name` and the unit, joined by "_": `kp_mm_per_N`; words after "per" divide.
 
         A unit "factor" or "share" marks a pure number.
         """
@@ -73,17 +73,17 @@ def setting(
     broken_by: tuple[str, ...] = (),
     **more: Any,
 ) -> Any:
-    """Declare a key of a table, see `Setting`; `field` defaults to the key's own name."""
+    """Declare a key of an experiment's table, see `Setting`; `field` defaults to the key's own name."""
     return Setting(unit, default, help, field, into, absent, tunable, exported, broken_by, more)
 
 
 def optional(unit: str = "", *, help: str, example: Any, **declared: Any) -> Any:
-    """Declare an optional key of a table, None by default, with an `example` of its value; see `setting`."""
+    """Declare an optional key of an experiment's table, None by default, with an `example` value; see `setting`."""
     return setting(unit, help=help, default=None, examples=[example], **declared)
 
 
 class _SettingsMeta(ModelMetaclass):
-    """Metaclass that turns the settings of a class into fields of pydantic."""
+    """Metaclass that turns the declared settings of a class into fields of pydantic."""
 
     def __new__(mcs, name: str, bases: tuple[type, ...], namespace: dict[str, Any], **more: Any) -> Any:
         own = {key: value for key, value in namespace.items() if isinstance(value, Setting)}
@@ -97,7 +97,7 @@ class _SettingsMeta(ModelMetaclass):
 
 
 class Settings(BaseModel, metaclass=_SettingsMeta):
-    """A table of the TOML file: unknown keys are refused, numbers are finite, types are not converted.
+    """A table of the experiment file, checked: unknown keys are refused, numbers finite, types not converted.
 
     Attributes:
         settings: settings of the class, by attribute.
@@ -109,7 +109,7 @@ class Settings(BaseModel, metaclass=_SettingsMeta):
 
     @classmethod
     def from_si(cls, **values: Any) -> Self:
-        """Build a table of SI values by attribute, unchecked; other attributes get their defaults."""
+        """Build a table of an experiment from SI values by attribute, unchecked; others get their defaults."""
         return cls.model_construct(**values)
 
     @field_validator("*", mode="after")
@@ -127,7 +127,7 @@ class Settings(BaseModel, metaclass=_SettingsMeta):
 
 @cache
 def _unit_of(table: type[Settings], name: str) -> tuple[bool, Unit | None]:
-    """Return (whether the key of the field `name` has a unit, that unit; None for a pure number)."""
+    """Return (whether the key of the setting `name` has a unit, that unit; None for a pure number)."""
     key = table.model_fields[name].alias
     return key is not None, None if key is None else known_unit(key.removeprefix(f"{name}_"))
 
@@ -137,7 +137,7 @@ def _is_finite(value: Any) -> bool:
 
 
 class FieldSource(NamedTuple):
-    """Source of the number in a field of a record.
+    """Source of a number in a compiled record: the setting of an experiment, and its conversion.
 
     Attributes:
         table, name: the setting.
@@ -153,21 +153,21 @@ class FieldSource(NamedTuple):
 
     @property
     def setting(self) -> Setting:
-        """Declaration of the setting that the number comes from."""
+        """Declaration of the setting that the record's number comes from."""
         return self.table.settings[self.name]
 
     @property
     def form(self) -> str:
-        """Type of the field: `f8` a number, `3f8` three numbers, `i8` a choice."""
+        """Type of the record field: `f8` a number, `3f8` three numbers, `i8` a choice."""
         kind = self.table.model_fields[self.name].annotation
         return "i8" if get_origin(kind) is Literal else "3f8" if get_origin(kind) is tuple else "f8"
 
     def number(self, table: Settings) -> Any:
-        """Return the field's value in the record for the file's `table`; a choice is its index from 0."""
+        """Return the record's number for the experiment's `table`; a choice is its index from 0."""
         return self.record_value(getattr(table, self.name))
 
     def record_value(self, value: Any) -> Any:
-        """Convert a `value` (SI) to the field's value in the record."""
+        """Convert a setting's `value` (SI) to the number in the compiled record."""
         if value is None:
             return self.setting.absent
         if self.form == "i8":
@@ -177,7 +177,7 @@ class FieldSource(NamedTuple):
 
 
 def fields_of_form(form: str, names: str) -> dict[str, str]:
-    """Return record fields of one type: `record(**fields_of_form("f8", "k c error"), known="i8")`."""
+    """Declare fields of one type for a compiled record: `record(**fields_of_form("f8", "k c error"), known="i8")`."""
     return dict.fromkeys(names.split(), form)
 
 
@@ -186,27 +186,25 @@ Fields = Mapping[str, FieldSource | Setting]
 
 
 def setting_fields(table: type[Settings], *names: str, into: str = "") -> dict[str, FieldSource]:
-    """Return the record fields of the settings `names` of `table`; without names, of all numbers and choices with
-    `into`.
-    """
+    """Return the compiled record's fields for the settings `names` of `table`; by default all with `into`."""
     chosen = names or [name for name in table.settings if table.settings[name].into == into and _is_number(table, name)]
     return {table.settings[name].field: FieldSource(table, name) for name in chosen}
 
 
 def numbers(table: Settings, into: str = "") -> dict[str, Any]:
-    """Return the field values of a record of one table's numbers; `into` as in `setting_fields`."""
+    """Return the field values of a compiled record from the numbers of one table; `into` as in `setting_fields`."""
     return {field: source.number(table) for field, source in setting_fields(type(table), into=into).items()}
 
 
 def _is_number(table: type[Settings], name: str) -> bool:
-    """Return whether compiled code has a type for it; false for text, booleans and tables."""
+    """Whether compiled code has a type for the setting's values; false for text, booleans and tables."""
     kind = table.model_fields[name].annotation
     kinds = [part for part in (get_args(kind) or (kind,)) if part is not type(None)]
     return get_origin(kind) is Literal or all(part in (float, int) for part in kinds)
 
 
 class Values(tuple[Any, ...]):
-    """Numbers for compiled code, SI: a named tuple whose fields are declared by settings.
+    """Base of records of numbers for compiled code, SI: a named tuple whose fields are declared by settings.
 
     A subclass lists its `parts`; `twin.kernel.cosim.port.record_of` makes a record of it.
 
@@ -251,7 +249,7 @@ class Values(tuple[Any, ...]):
 
     @classmethod
     def from_tables(cls, *tables: Settings, **more: Any) -> Self:
-        """Build the record from the values of `tables`, with the fields in `more` overridden."""
+        """Build the compiled record from the values of experiment `tables`, with the fields in `more` overridden."""
         for name, source in cls.sources.items():
             if name not in more:
                 more[name] = source.number(next(table for table in tables if isinstance(table, source.table)))
@@ -275,7 +273,7 @@ class Values(tuple[Any, ...]):
 
 
 def _start_of(field: FieldSource | Setting) -> Any:
-    """Return the default of a field, SI; None if a value is required."""
+    """Return the default value of a record's field, SI; None if a value is required."""
     declared = field.setting if isinstance(field, FieldSource) else field
     if declared.default is ...:
         return None

@@ -18,9 +18,10 @@ _SI_PREFIXES: dict[str, Fraction] = {"k": Fraction(1000), "c": Fraction(1, 100),
 
 
 class Dimension(NamedTuple):
-    """Exponents of the base units. The radian is one of them: 1 Hz is 2 pi rad/s, and confusing them is common.
+    """Dimension of a physical unit: exponents of the base units.
 
-    Only FMUs omit it, as tools disagree whether rad/s is 1/s (FMI 2.0, 2.2.2): see `twin.kernel.fmi.units`.
+    The radian is one of them: 1 Hz is 2 pi rad/s, and confusing them is common. Only FMUs omit it, as tools disagree
+    whether rad/s is 1/s (FMI 2.0, 2.2.2): see `twin.kernel.fmi.units`.
     """
 
     kg: int = 0
@@ -42,7 +43,7 @@ class Unit(NamedTuple):
 
     @property
     def si(self) -> str:
-        """SI unit of the same dimension as recordings write it: `N m`, `rad/s`; `1` for a number."""
+        """Name of the SI unit of the same dimension, as in recordings: `N m`, `rad/s`; `1` for a number."""
         if self.dimension in _SI_NAMES:
             return _SI_NAMES[self.dimension]
         parts = [f"{name}{power if power != 1 else ''}" for name, power in self.dimension._asdict().items() if power]
@@ -50,11 +51,11 @@ class Unit(NamedTuple):
 
     @property
     def scale(self) -> float:
-        """SI value of one unit."""
+        """SI value of one unit: the conversion factor."""
         return math.pi**self.pi * self.factor.numerator / self.factor.denominator
 
     def in_si(self, values: Any) -> Any:
-        """Convert `values` (a number, an array or nested tuples of numbers) to SI.
+        """Convert `values` in this unit (a number, an array or nested tuples of numbers) to SI.
 
         Powers of ten are one correctly rounded division, so that -101 mm is exactly the float -0.101.
         """

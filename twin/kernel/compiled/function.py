@@ -18,7 +18,7 @@ from twin.kernel.compiled.numba_internals import NumbaObject, declare_function, 
 
 
 class _Module:
-    """A module that is imported on first access to an attribute."""
+    """Proxy of a Python module that is imported on first access to an attribute."""
 
     def __init__(self, name: str):
         self._name = name
@@ -32,7 +32,7 @@ types: Any = _Module("numba.types")
 
 
 class _Layout:
-    """C types by their LLVM names: i8, i32, i64, f64, pointer."""
+    """LLVM types as attributes: i8, i32, i64, f64, pointer."""
 
     def __getattr__(self, name: str) -> Any:
         if name == "pointer":
@@ -44,11 +44,11 @@ c = _Layout()
 
 
 class CompiledOnlyError(TypeError):
-    """Source that Python cannot run, as it calls a function that exists only in compiled code."""
+    """Error that a function cannot run in Python, as it calls a function that exists only in compiled code."""
 
 
 class LazyObject(NumbaObject):
-    """A placeholder for an object of compiled code, created when numba first meets it.
+    """Placeholder for a numba object, created when numba first compiles code that uses it.
 
     Args:
         make: creates the numba object.
@@ -59,7 +59,7 @@ class LazyObject(NumbaObject):
 
     @cached_property
     def numba_object(self) -> Any:  # type: ignore[override]
-        """Numba object, created on first access."""
+        """The numba object behind the placeholder, created on first access."""
         made = self._make()
         # the access may happen while numba compiles a calling function
         refresh()
@@ -70,7 +70,7 @@ class LazyObject(NumbaObject):
 
 
 class Function(LazyObject):
-    """A function that compiled code calls as machine code and Python runs as its source.
+    """Function that compiled code calls as machine code, while Python runs its source.
 
     No command has to wait for numba to compute one number. Functions that must be fast in Python, or take records, are
     a `native.Entry`. If the source cannot be run by Python, the machine code is called.
@@ -103,7 +103,7 @@ class Function(LazyObject):
 
     @cached_property
     def dispatcher(self) -> Callable:
-        """Machine code that takes Python objects; compiled again in each process, for experiments."""
+        """The function compiled by numba's `njit`, for calls with Python objects; compiled again in each process."""
         options = {**self.options, "cache": False}
         made: Callable = importlib.import_module("numba").njit(**options)(self.__wrapped__)
         return made
@@ -121,7 +121,7 @@ def njit(**options: Any) -> Callable[[Callable], Any]:
 
 
 def intrinsic(function: Callable) -> Any:
-    """Decorate a function like `numba.extending.intrinsic`, with numba imported on first use."""
+    """Decorate a function like `numba.extending.intrinsic`, but with numba imported on first use."""
     return LazyObject(lambda: importlib.import_module("numba.extending").intrinsic(function))
 
 
@@ -130,7 +130,7 @@ carray: Any = LazyObject(lambda: importlib.import_module("numba").carray)
 
 
 def pointer_to(item: Any) -> Any:
-    """Return a compiled function that converts an address to a pointer to the dtype `item`, for use with `carray`."""
+    """Create a compiled function that converts an address to a pointer to elements of dtype `item`, for `carray`."""
 
     def make() -> Any:
         from numba import from_dtype
@@ -151,7 +151,7 @@ def pointer_to(item: Any) -> Any:
 
 @cache
 def _lane_functions() -> tuple[Any, Any]:
-    """Register `Lanes`, a SIMD register of four doubles, with numba; return `three` and `with_lane`."""
+    """Register a SIMD register of four doubles, `Lanes`, as a numba type; return `three` and `with_lane`."""
     from numba.extending import intrinsic, lower_builtin, models, register_model
 
     class Lanes(types.Type):  # type: ignore[misc, name-defined]
@@ -237,7 +237,7 @@ with_lane: Any = LazyObject(lambda: _lane_functions()[1])
 
 @intrinsic
 def store_number(typingctx, address, value):
-    """Write `value` with the width of its type to an address that need not be aligned."""
+    """Write the number `value`, with the width of its type, to a memory address that need not be aligned."""
 
     def codegen(context, builder, signature, arguments):
         to, number = arguments
@@ -250,7 +250,7 @@ def store_number(typingctx, address, value):
 
 @intrinsic
 def copy(typingctx, to, source, count):
-    """Copy `count` bytes from address `source` to address `to`; the ranges must not overlap.
+    """Copy `count` bytes of memory from address `source` to address `to`; the ranges must not overlap.
 
     Calls memcpy, as the compiler would unroll a loop far beyond the typical count.
     """

@@ -35,7 +35,7 @@ _loaded: set[str] = set()
 
 
 class Module(NamedTuple):
-    """LLVM module of a compiled function, as numba generates it.
+    """LLVM module of a compiled function, as text, with the names of its functions.
 
     Attributes:
         symbol: name of the C entry point to add.
@@ -49,7 +49,7 @@ class Module(NamedTuple):
 
 
 def module_of(signature: Any, function: Callable, symbol: str) -> Module:
-    """Compile `function` for a numba `signature` to an LLVM module whose C entry point will be called `symbol`."""
+    """Compile `function` by numba for a `signature` to an LLVM module whose C entry point will be called `symbol`."""
     return Module(symbol, *inner_module(signature, function))
 
 
@@ -76,7 +76,7 @@ def _is_mathematics(name: str) -> bool:
 
 
 def with_c_entry(module: Module, returned: str) -> Module:
-    """Add a C entry point that calls the inner function with its arguments and returns the result.
+    """Add to an LLVM module a C entry point that calls the inner function with its arguments and returns the result.
 
     Args:
         returned: LLVM type of the result. The entry point returns EXCEPTION_STATUS in place of an exception.
@@ -106,7 +106,7 @@ define {returned} @"{module.symbol}"({taken}) {{
 
 
 class ProcessorForm(NamedTuple):
-    """A variant of machine code for the instruction sets that a processor supports.
+    """A target of compilation: the processor instruction sets that a variant of the machine code may use.
 
     Attributes:
         suffix: suffix of function names and object files.
@@ -118,7 +118,7 @@ class ProcessorForm(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Value of TWIN_PROCESSOR that selects this form."""
+        """Name of the processor form, the value of TWIN_PROCESSOR that selects it."""
         return self.suffix.lstrip("_") or "any"
 
 
@@ -129,13 +129,13 @@ compiled for the exact processor."""
 
 @cache
 def compiler_versions() -> tuple[str, ...]:
-    """Return the versions of numba and llvmlite, on which machine code depends in addition to source and form."""
+    """Return the versions of numba and llvmlite, as machine code depends on them."""
     return version("numba"), version("llvmlite")
 
 
 @cache
 def chosen_form() -> ProcessorForm:
-    """Return the processor form that this process compiles and loads.
+    """Return the processor form (set of allowed instructions) that this process compiles for and loads.
 
     Raises:
         InputRefused: TWIN_PROCESSOR names a form that this processor cannot run.
@@ -158,7 +158,7 @@ def chosen_form() -> ProcessorForm:
 
 @cache
 def target_machine(form: ProcessorForm) -> Any:
-    """Create an LLVM target machine for a processor form, with relocatable code."""
+    """Create an LLVM target machine, which generates relocatable code for a processor form."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     return llvm.Target.from_default_triple().create_target_machine(
@@ -172,12 +172,12 @@ def target_machine(form: ProcessorForm) -> Any:
 
 
 def object_name(name: str, form: ProcessorForm) -> str:
-    """Return the file name of the object file of function `name` in a processor form."""
+    """Return the file name of the object file of a compiled function for a processor form."""
     return f"{name}{form.suffix}{store.OBJECT_SUFFIX}"
 
 
 def load_object(name: str) -> bool:
-    """Load the object file of function `name` if the store has one; return whether the function is loaded."""
+    """Load a compiled function from its object file if the store has one; return whether the function is loaded."""
     if name not in _loaded:
         content = store.stored_code(object_name(name, chosen_form()))
         if content:
@@ -192,7 +192,7 @@ def store_object(name: str, content: bytes) -> None:
 
 
 def function_address(symbol: str) -> int:
-    """Return the address of a function in a loaded object file."""
+    """Return the address of a compiled function in a loaded object file."""
     return int(_engine().get_function_address(symbol))
 
 

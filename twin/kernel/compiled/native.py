@@ -38,7 +38,7 @@ _under_way: list[None] = []
 
 @contextlib.contextmanager
 def compiling() -> Iterator[None]:
-    """Call the hooks `HOOKS.compiling` before and after a compilation, or a wait for another process that compiles."""
+    """Call the hooks `HOOKS.compiling` before and after the block, which compiles or waits for another compilation."""
     _under_way.append(None)
     if len(_under_way) == 1:
         for hook in HOOKS.compiling:
@@ -53,7 +53,7 @@ def compiling() -> Iterator[None]:
 
 
 class Native:
-    """A function with a C address, loaded from the store or compiled when the address is first used.
+    """Function with a C address, loaded from the store of compiled code or compiled when the address is first used.
 
     Most runs need few of the functions, and compiling takes seconds.
 
@@ -67,7 +67,7 @@ class Native:
 
     @cached_property
     def address(self) -> int:
-        """Address of the machine code, compiled if it is not in the store."""
+        """Address of the function's machine code, which is compiled if it is not in the store."""
         if not self.name:
             return self._compile_with_numba()
         if not self.has_code:
@@ -81,22 +81,22 @@ class Native:
 
     @property
     def has_code(self) -> bool:
-        """Whether the machine code is loaded or in the store, so that nothing has to be compiled."""
+        """Whether the function's machine code is loaded or in the store, so that nothing has to be compiled."""
         return bool(self.name) and machine.load_object(self.name)
 
     @property
     def signature(self) -> Any:
-        """Signature of the function in numba's types."""
+        """Numba signature of the function: types of its result and arguments."""
         return _numba_type(self.returns)(*map(_numba_type, self.takes))
 
     @cached_property
     def c_function(self) -> Callable:
-        """The function for Python, with addresses as integers; a call releases the GIL."""
+        """The compiled function as a callable for Python, with addresses as integers; a call releases the GIL."""
         return self._ctypes_function(ctypes.CFUNCTYPE)
 
     @cached_property
     def c_function_with_gil(self) -> Callable:
-        """The function for Python, called with the GIL held: for calls shorter than a switch between threads."""
+        """The compiled function for Python, called with the GIL held: for calls shorter than a thread switch."""
         return self._ctypes_function(ctypes.PYFUNCTYPE)
 
     def _ctypes_function(self, make: Callable) -> Callable:
@@ -108,21 +108,21 @@ class Native:
 
     @cached_property
     def name(self) -> str:
-        """Name of the function's files in the store; "" if its code has no unique name and cannot be stored."""
+        """Name of the function's files in the store of compiled code; "" if it has no unique name to store it under."""
         kinds = [f"{kind.descr} {kind.itemsize}" if isinstance(kind, np.dtype) else kind for kind in self.takes]
         with contextlib.suppress(store.UnnamedFunction):
             return store.name_of(self.function, f"{self.returns} {kinds} {machine.compiler_versions()}")
         return ""
 
     def emit_object(self, form: machine.ProcessorForm) -> bytes:
-        """Compile the object code for a processor form; empty if the function needs more than mathematics."""
+        """Compile the function to object code for a processor form; empty if it imports more than mathematics."""
         returns = _TYPE_NAMES[self.returns][1]
         module = machine.with_c_entry(self.module(self.name), returns)
         made, foreign = machine.strip_module(module, machine.target_machine(form))
         return b"" if foreign else bytes(machine.target_machine(form).emit_object(made))
 
     def module(self, symbol: str) -> "Module":
-        """Return the LLVM module of the function, whose C entry point will be called `symbol`.
+        """Return the LLVM module of the compiled function, whose C entry point will be called `symbol`.
 
         The module is stored for other functions that include it and for other processor forms, as numba takes longer
         than all later stages.
@@ -174,13 +174,13 @@ class Entry(Function):
         self.native, self._at_once = Native(returns, takes, function), at_once
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call the machine code; a pointer argument may be a contiguous array of the right type."""
+        """Call the machine code of the function; a pointer argument may be a contiguous array of the right type."""
         called = self.native.c_function_with_gil if self._at_once else self.native.c_function
         return called(*[address_of(a) if isinstance(a, np.ndarray) else a for a in arguments])
 
 
 def entry(returns: str, *takes: Kind, at_once: bool = False) -> Callable[[Callable], Any]:
-    """Decorate a function as an `Entry` with arguments "int", "double" and pointers.
+    """Decorate a function to be compiled as an `Entry`, with arguments "int", "double" and pointers.
 
     Calls release the GIL unless `at_once` is set, which is for calls shorter than a switch between threads.
     """

@@ -14,11 +14,11 @@ hardly any of them in reference cycles; the default thresholds cost a tenth of t
 
 
 class NumbaObject:
-    """An object in the source of a compiled function; numba asks for its type when it compiles the function."""
+    """Base of objects in the source of a compiled function that numba objects replace at compilation."""
 
     @property
     def numba_object(self) -> Any:
-        """Numba object that replaces this object during compilation."""
+        """The numba object that replaces this object during compilation."""
         raise NotImplementedError
 
     @property
@@ -27,13 +27,13 @@ class NumbaObject:
 
 
 def refresh() -> None:
-    """Make definitions that were registered during a compilation visible to numba."""
+    """Refresh numba's registries, so that functions and types registered during a compilation become visible."""
     _target().typing_context.refresh()
     _target().target_context.refresh()
 
 
 def inner_module(signature: Any, function: Callable) -> tuple[str, str]:
-    """Compile `function` as a `cfunc`; return (name of the inner function, LLVM assembly of the module)."""
+    """Compile `function` as a numba `cfunc`; return (name of the inner function, LLVM assembly of the module)."""
     from numba import cfunc
 
     previous = gc.get_threshold()
@@ -47,7 +47,7 @@ def inner_module(signature: Any, function: Callable) -> tuple[str, str]:
 
 
 def declare_function(module: Any, kind: Any, name: str) -> Any:
-    """Declare the function `name` of the LLVM type `kind` in `module`, or return the existing declaration."""
+    """Declare an external function of LLVM type `kind` in an LLVM module, or return the existing declaration."""
     from numba.core import cgutils
 
     return cgutils.get_or_insert_function(module, kind, name)

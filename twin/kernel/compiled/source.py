@@ -41,12 +41,12 @@ class SourceFile(NamedTuple):
 
 
 def digest_of(content: bytes) -> str:
-    """Compute a short BLAKE2 hash (8 bytes) as hex."""
+    """Compute a short BLAKE2 hash (8 bytes) of a text or bytes, as hex."""
     return blake2b(content, digest_size=8).hexdigest()
 
 
 def parse_source(content: bytes) -> SourceFile:
-    """Parse the content of a Python file; content that is not valid Python is hashed as a whole."""
+    """Parse a Python file into its digest, imports and function positions; invalid Python is hashed as a whole."""
     try:
         text = decode_source(content)
         nodes = list(ast.walk(ast.parse(text)))
@@ -58,7 +58,7 @@ def parse_source(content: bytes) -> SourceFile:
 
 
 def _without_text(text: str, nodes: Sequence[ast.AST]) -> str:
-    """Remove comments, string statements, trailing blanks and empty lines from `text`."""
+    """Remove comments, string statements (docstrings), trailing blanks and empty lines from Python source."""
     lines = text.split("\n")
     cuts: list[tuple[int, int, int]] = []
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
@@ -86,7 +86,7 @@ def _imports(node: ast.AST) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 
 def _first_lines(nodes: Sequence[ast.AST]) -> Iterator[int]:
-    """Yield `co_firstlineno` of every function: the line of its first decorator, or of its definition."""
+    """Yield the first line of every function in a syntax tree: of its first decorator, or of its definition."""
     for node in nodes:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             yield min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
@@ -95,7 +95,7 @@ def _first_lines(nodes: Sequence[ast.AST]) -> Iterator[int]:
 
 
 class Sources:
-    """Source files of modules that are not installed, each read once.
+    """Parser and cache of the source files of modules that are not installed packages.
 
     Args:
         known: files parsed by earlier processes, by the digest of their whole content.
@@ -110,7 +110,7 @@ class Sources:
         self._of: dict[str, SourceFile | None] = {}
 
     def digest(self, *modules: str) -> str:
-        """Compute the digest of the code of `modules` and of all modules that they import, directly or indirectly."""
+        """Compute the digest of the source code of `modules` and of all their direct and indirect imports."""
         reached: dict[str, str] = {}
         ahead = list(modules)
         while ahead:
@@ -122,12 +122,12 @@ class Sources:
         return digest_of("".join(name + digest for name, digest in sorted(reached.items()) if digest).encode())
 
     def place(self, function: Callable) -> int:
-        """Return the index of a function within its file, which editing text before it does not change."""
+        """Return the index of a function among the functions of its file; edits of earlier text keep it."""
         source = self.source(function.__module__)
         return bisect_left(source.functions, function.__code__.co_firstlineno) if source else 0
 
     def source(self, module: str) -> SourceFile | None:
-        """Return the parsed file of `module`; None if it has no file or is installed."""
+        """Return the parsed source file of a module; None if it has no file or is an installed package."""
         if module not in self._of:
             file = source_file(module)
             self._of[module] = self._read_source(Path(file)) if file else None
@@ -142,7 +142,7 @@ class Sources:
         return self.known[whole]
 
     def _imported_modules(self, module: str, source: SourceFile) -> set[str]:
-        """Return the modules that `module` may import; a name imported from a package counts as a possible module."""
+        """Return the modules that a module may import; a name imported from a package counts as a possible module."""
         file = source_file(module) or ""
         package = module if file.endswith("__init__.py") else module.rpartition(".")[0]
         found: set[str] = set()
@@ -158,7 +158,7 @@ class Sources:
 
 @cache
 def source_file(module: str) -> str | None:
-    """Return the file of a module of this package, or of a loaded module that is not installed; else None."""
+    """Return the source file of a module of this package, or of a loaded module that is not installed; else None."""
     top, _, below = module.partition(".")
     if top == PACKAGE_FOLDER.name:
         stem = os.path.join(PACKAGE_FOLDER, *below.split("."))

@@ -47,7 +47,7 @@ _reported: set[Path] = set()
 
 
 class UnnamedFunction(Exception):
-    """A function whose code has no unique name."""
+    """Error that a function's code has no unique name, so that its machine code cannot be stored."""
 
 
 def name_of(function: Any, made_for: str) -> str:
@@ -66,7 +66,7 @@ def name_of(function: Any, made_for: str) -> str:
 
 
 def store_file(file: str, content: bytes) -> None:
-    """Write a sealed file to the folder of object files; silently skipped if writing fails."""
+    """Write a file, sealed by a hash, to the folder of object files; silently skipped if writing fails."""
     scratch = object_folder() / f".{file}-{os.getpid()}"
     # the code also runs unstored, e.g. if the disk is full or the folder was removed
     with contextlib.suppress(OSError):
@@ -78,12 +78,15 @@ def store_file(file: str, content: bytes) -> None:
 
 
 def seal(file: str, content: bytes) -> bytes:
-    """Append a hash over file name and content, so that a renamed file is recognised as damaged."""
+    """Append to a file's content a hash over its name and content, so that a damaged or renamed file is recognised."""
     return content + hashlib.blake2b(file.encode() + b"\0" + content, digest_size=SEAL_SIZE).digest()
 
 
 def stored_code(file: str) -> bytes:
-    """Read a file from the package or the store; empty if it is missing or damaged. Damaged files are deleted."""
+    """Read a compiled function's file from the package or the store; empty if missing or damaged.
+
+    Damaged files are deleted.
+    """
     with contextlib.suppress(OSError):
         if content := _unseal(PACKAGED_OBJECTS / file):
             return content
@@ -107,7 +110,7 @@ def stored_code(file: str) -> bytes:
 
 @contextlib.contextmanager
 def object_lock(name: str) -> Iterator[None]:
-    """Hold a lock that prevents other processes from compiling the object file of that name."""
+    """Hold a lock during the block that prevents other processes from compiling the same function."""
     try:
         lock = open(object_folder() / f".{name}.lock", "w")  # noqa: SIM115, closed by the with statement below
     except OSError:
@@ -123,7 +126,7 @@ def object_lock(name: str) -> Iterator[None]:
 
 @cache
 def object_folder() -> Path:
-    """Return the folder of object files: in the package, or in the user's cache folder if the former is not private.
+    """Return the folder of object files of compiled code: in the package, or the user's cache if that is not private.
 
     A temporary folder, shared with child processes, if neither is private.
     """
@@ -148,17 +151,17 @@ def refusal() -> str:
 
 
 def object_files(place: Path | None = None) -> list[Path]:
-    """List the object files in `place`; None for the store, with the files of all source versions."""
+    """List the object files of compiled functions in `place`; None for the store, with files of all source versions."""
     return sorted((place or object_folder()).glob(f"[!.]*{OBJECT_SUFFIX}"))
 
 
 def object_count() -> int:
-    """Count the object files in the store; further functions are compiled when needed."""
+    """Count the object files of compiled functions in the store."""
     return len(object_files())
 
 
 def damaged_files(files: Iterable[Path]) -> list[Path]:
-    """Return the elements of `files` whose content does not match its hash."""
+    """Return the elements of `files` whose content does not match the hash stored in them."""
 
     def is_damaged(path: Path) -> bool:
         try:
@@ -171,7 +174,7 @@ def damaged_files(files: Iterable[Path]) -> list[Path]:
 
 
 def source_digest(*modules: str) -> str:
-    """Compute the digest of the code of `modules` and all that they import, except installed packages."""
+    """Compute the digest of the source code of `modules` and all that they import, except installed packages."""
     sources = _sources()
     before = sources.parsed
     found = sources.digest(*modules)
@@ -186,7 +189,7 @@ def _sources() -> Sources:
 
 
 def _read_digests() -> dict[str, SourceFile]:
-    """Read the parsed source files that earlier processes stored; empty if the file is missing or damaged."""
+    """Read the cache of source-file digests that earlier processes stored; empty if missing or damaged."""
     with contextlib.suppress(OSError, ValueError, TypeError, AttributeError):
         path = object_folder() / DIGESTS_FILE
         discard_foreign(path)
@@ -198,13 +201,13 @@ def _read_digests() -> dict[str, SourceFile]:
 
 
 def _store_digests(sources: Sources) -> None:
-    """Store parsed source files, merged with the entries that other processes have stored meanwhile."""
+    """Store the cache of source-file digests, merged with the entries that other processes have stored meanwhile."""
     both = _read_digests() | sources.known
     store_file(DIGESTS_FILE, json.dumps(dict([*both.items()][-MAX_DIGESTS:])).encode())
 
 
 def _identity(value: Any, modules: set[str]) -> str:
-    """Return a text that identifies a function or closure value within its source.
+    """Return a text that identifies a function or a value in its closure, to name the compiled code.
 
     Args:
         value: function, or value of a closure.
@@ -231,7 +234,7 @@ def _identity(value: Any, modules: set[str]) -> str:
 
 
 def _unseal(path: Path) -> bytes:
-    """Read the content of a sealed file; empty if its hash does not match."""
+    """Return the content of a sealed file without its hash; empty if the hash does not match."""
     content = path.read_bytes()
     return content[:-SEAL_SIZE] if content == seal(path.name, content[:-SEAL_SIZE]) else b""
 

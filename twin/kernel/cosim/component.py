@@ -26,7 +26,7 @@ pieces_at = pointer_to(PIECE_RECORD)
 def step_function(
     memory: np.dtype, inputs: tuple[Port, ...] = (), outputs: tuple[Port, ...] = ()
 ) -> Callable[[Callable], Native]:
-    """Decorate `f(m, t, h, u, y) -> int32` as the compiled step of a component.
+    """Decorate a function `f(m, t, h, u, y) -> int32` to be compiled as the step of a component.
 
     `m` is the component's memory, a record of dtype `memory`. `u` and `y` are records with a field for each port: a
     step reads `u.force[2]` and writes `y.speed`, and a wrong name does not compile. The machine code is stored on disk.
@@ -44,7 +44,7 @@ def step_function(
 
 @intrinsic
 def call_step(typingctx, function, self, t, h, u, y):
-    """Call `int32 step(void *self, double t, double h, const double *u, double *y)` at address `function`."""
+    """Call the compiled step of a component, `int32 step(self, t, h, u, y)`, at address `function`."""
     signature = types.int32(types.int64, types.int64, types.float64, types.float64, types.int64, types.int64)
 
     def codegen(context, builder, signature, arguments):
@@ -80,7 +80,7 @@ def clock_cycles(typingctx):
 
 @dataclass(frozen=True)
 class Rewind:
-    """Save and restore functions of a component, with the signature of a step; they use neither time nor inputs.
+    """Functions that save and restore a component's state before a step is repeated, with the signature of a step.
 
     Attributes:
         save_address, restore_address: `restore` restores the last saved state, any number of times.
@@ -96,7 +96,7 @@ class Rewind:
 
 @njit(cache=True)
 def save_pieces(table, count):
-    """Copy `count` pieces of memory to their copies; `table` is the address of `PIECE_RECORD` records."""
+    """Copy `count` pieces of a component's memory to their saved copies; both are listed in a `PIECE_RECORD` table."""
     pieces = carray(pieces_at(table), count)
     for i in range(count):
         copy(pieces[i].copy, pieces[i].array, pieces[i].size)
@@ -104,7 +104,7 @@ def save_pieces(table, count):
 
 @njit(cache=True)
 def restore_pieces(table, count):
-    """Restore `count` pieces of memory from their copies; `table` is the address of `PIECE_RECORD` records."""
+    """Copy `count` pieces of a component's memory back from saved copies; both are listed in a `PIECE_RECORD` table."""
     pieces = carray(pieces_at(table), count)
     for i in range(count):
         copy(pieces[i].array, pieces[i].copy, pieces[i].size)
@@ -112,7 +112,7 @@ def restore_pieces(table, count):
 
 @entry("nothing", "int", "int", "int", "int", at_once=True)
 def copy_pieces(table, count, buffer, back):
-    """Copy pieces of memory to `buffer`, at the offsets `PIECE_RECORD.copy`, or `back` from it."""
+    """Copy pieces of memory, listed in a `PIECE_RECORD` table, to `buffer`, or from it if `back` is set."""
     pieces = carray(pieces_at(table), count)
     for i in range(count):
         if back:
@@ -146,7 +146,7 @@ def _single_elements(array: np.ndarray) -> list[tuple[int, int]]:
 
 
 def piece_table(arrays: Iterable[np.ndarray], copy_address: int) -> np.ndarray:
-    """Make `PIECE_RECORD` records of `arrays`, with consecutive copies from `copy_address` on."""
+    """Make the `PIECE_RECORD` table of `arrays`: addresses, sizes, and places of copies from `copy_address` on."""
     rows = []
     for address, size in (run for array in arrays for run in contiguous_parts(array)):
         rows.append((address, copy_address, size))
@@ -155,7 +155,7 @@ def piece_table(arrays: Iterable[np.ndarray], copy_address: int) -> np.ndarray:
 
 
 class Pieces:
-    """Pieces of memory that are copied together to and from a contiguous row of bytes.
+    """Pieces of component memory that are copied together to and from a row of bytes, to save and restore state.
 
     Args:
         arrays: arrays that contain the pieces.
@@ -172,18 +172,18 @@ class Pieces:
         self.at = self._table.ctypes.data, len(self._table)
 
     def save(self) -> np.ndarray:
-        """Copy the present content to a new row, uint8 (size,)."""
+        """Copy the present content of the memory pieces to a new row, uint8 (size,)."""
         row = np.empty(self.size, dtype=np.uint8)
         copy_pieces(*self.at, row.ctypes.data, 0)
         return row
 
     def restore(self, row: np.ndarray) -> None:
-        """Copy `row`, saved here or from pieces of the same form, back to memory."""
+        """Copy a saved `row`, from here or from pieces of the same form, back to the memory pieces."""
         copy_pieces(*self.at, row.ctypes.data, 1)
 
 
 def pieces_rewind(pieces: Mapping[str, np.ndarray]) -> Rewind:
-    """Make save and restore functions of a component whose whole state is `pieces`."""
+    """Make the save and restore functions of a component whose whole state is in the memory `pieces`."""
     copies = np.empty(sum(array.nbytes for array in pieces.values()), dtype=np.uint8)
     table = piece_table(pieces.values(), copies.ctypes.data)
     memory = np.array([(table.ctypes.data, len(table))], dtype=_PIECES_RECORD)
@@ -191,25 +191,25 @@ def pieces_rewind(pieces: Mapping[str, np.ndarray]) -> Rewind:
 
 
 class Holder(Protocol):
-    """A holder of component state outside the master's memory: in an FMU, a Python object or a process.
+    """An object that saves and restores component state outside the master's memory: in an FMU, object or process.
 
     A token identifies a saved state. It belongs to its holder, which frees all tokens when it is closed.
     """
 
     def save_state(self) -> Any:
-        """Save the present state and return its token."""
+        """Save the present component state and return the token that identifies it."""
 
     def restore_state(self, token: Any) -> None:
-        """Restore the state saved as `token`; a token may be restored repeatedly."""
+        """Restore the component state saved as `token`; a token may be restored repeatedly."""
 
     def free(self, token: Any) -> None:
-        """Free `token`; safe if it is already freed."""
+        """Free the saved state identified by `token`; safe if it is already freed."""
 
     def pack(self, token: Any) -> bytes:
-        """Serialise the state saved as `token` for another process."""
+        """Serialise the component state saved as `token`, for another process."""
 
     def unpack(self, content: bytes) -> Any:
-        """Create a token from the result of `pack`, possibly of another process.
+        """Create a token from a serialised component state, possibly of another process.
 
         Raises:
             InputRefused: invalid content.
@@ -218,7 +218,7 @@ class Holder(Protocol):
 
 @njit(cache=True)
 def step_status(status, outputs, part):
-    """Return 0 if a step succeeded, else its status or `NOT_FINITE`; `master` has its own, faster check.
+    """Return the status of a step including the check of its outputs: 0 for success, else its status or `NOT_FINITE`.
 
     Args:
         status: status that the step returned.
@@ -272,7 +272,7 @@ class Component:
     keep: Any = field(default=None, repr=False)
 
     def initial(self, name: str) -> np.ndarray:
-        """Return the initial values of output port `name`."""
+        """Return the initial values of the component's output port `name`."""
         return by_port(self.outputs, self.initial_outputs)[name]
 
     def explain(self, status: int) -> str:
@@ -284,18 +284,18 @@ class Component:
         return False
 
     def pieces(self) -> dict[str, np.ndarray]:
-        """Return views of the memory that the component's steps change in this process, by name, in a fixed order."""
+        """Return views of the component's state in this process, by name, in fixed order: memory that steps change."""
         return {}
 
     def holders(self) -> dict[str, Holder]:
-        """Return the holders of component state outside the master's memory, by name."""
+        """Return the objects that save component state outside the master's memory, by name."""
         return {}
 
     def refuse_index(self) -> None:
-        """Refuse memory with an index beyond its array, which a step would dereference."""
+        """Refuse a restored state with an index beyond its array, which a step would dereference."""
 
     def lacks_state(self, portable: bool = True) -> str:
-        """Return why the component's state cannot be saved, as a verb phrase; "" if it can.
+        """Return the reason why the component's state cannot be saved, as a verb phrase; "" if it can.
 
         Args:
             portable: whether the state is for another process, rather than for this one.
@@ -303,7 +303,7 @@ class Component:
         return "does not say what its steps change"
 
     def rewind(self) -> Rewind | None:
-        """Return functions to save and restore the component before repeating steps; None if it cannot repeat steps."""
+        """Return functions that save and restore the component to repeat a step; None if it cannot repeat steps."""
         if self.lacks_state(portable=False) or self.holders():
             return None
         return pieces_rewind(self.pieces())
@@ -316,10 +316,10 @@ class Component:
         return 0
 
     def keep_time(self, clock: np.ndarray) -> None:
-        """Set the clock of the simulation: `clock[0]` is the tick being stepped."""
+        """Give the component access to the simulation's clock: `clock[0]` is the tick being stepped."""
 
     def take_messages(self) -> list[tuple[int, str]]:
-        """Return and clear the messages (tick, text) for the user since the last call."""
+        """Return the component's messages (tick, text) for the user since the last call, and clear them."""
         return []
 
     def close(self) -> None:
@@ -398,7 +398,7 @@ class MemoryPlace:
     field: str
 
     def memory_of(self, owner: Component) -> np.ndarray | None:
-        """Return a view of the field in the memory of `owner`, (1,) or (1, size); None if `owner` has no such field."""
+        """Return a view of the field in the memory of `owner`, (1,) or (1, size); None if `owner` lacks the field."""
         try:
             memory = owner.memory[0:1]  # type: ignore[attr-defined]
             for name in filter(None, (*self.record.split("."), self.field)):

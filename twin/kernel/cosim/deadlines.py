@@ -51,7 +51,7 @@ _deadlines_at, _times_at = pointer_to(DEADLINE_RECORD), pointer_to(np.int64)
 
 @cache
 def clock_functions() -> tuple[Any, ...]:
-    """Return clock_gettime, clock_nanosleep and the identifier of the monotonic clock.
+    """Return the C functions clock_gettime and clock_nanosleep, and the identifier of the monotonic clock.
 
     On systems without them, replacements that call Python's clock.
     """
@@ -79,7 +79,7 @@ def callbacks(monotonic: Any, sleep: Any) -> tuple[Any, Any]:
 
 
 def _pointer_call(arguments: str) -> Any:
-    """Make a compiled call of `int f(...)` at an address; `arguments` has "i" for an int, "p" for an address."""
+    """Make a function for compiled code that calls the C function `int f(...)` at an address."""
 
     def call(typingctx, function, first, second, third, fourth):
         kinds = [c.i32 if one == "i" else c.pointer for one in arguments]
@@ -121,7 +121,7 @@ def _clock_ns(m):
 
 @njit(cache=True)
 def _wait_until_due(m, k):
-    """Wait until tick `k` is due and record the lateness; return False if a signal interrupted the wait.
+    """Wait until tick `k` is due in real time and record the lateness; return False if a signal interrupted the wait.
 
     The caller then returns to Python, which handles the signal.
     """
@@ -150,7 +150,7 @@ def _wait_until_due(m, k):
 
 @entry("int", "int", "int", "int", "int")
 def advance(deadlines, first, count, row):
-    """Run ticks like `master.advance`, each not before it is due; returns fewer rows after a signal.
+    """Run ticks of the simulation loop, none before its deadline in real time; return fewer rows after a signal.
 
     Args:
         deadlines: address of a record of `DEADLINE_RECORD`.
@@ -174,7 +174,7 @@ def advance(deadlines, first, count, row):
 
 
 class Deadlines:
-    """Deadlines of a simulation that runs in real time.
+    """Pacing of a simulation in real time: deadlines of the ticks, and statistics of lateness.
 
     Args:
         tick: wall time of a tick (s), > 0.
@@ -199,14 +199,14 @@ class Deadlines:
         self.address = self.memory.ctypes.data
 
     def paced_advance(self, ticks: Any, loop: int) -> Callable[[int, int, int, int], int]:
-        """Return the paced `advance`, which runs ticks by the C function `ticks` with the memory at address `loop`."""
+        """Return the function that runs ticks in real time, calling the C function `ticks` with address `loop`."""
         self.memory["advance"], self.memory["loop"] = ctypes.cast(ticks, ctypes.c_void_p).value, loop
         found: Callable[[int, int, int, int], int] = advance.native.c_function
         return found
 
     @property
     def counts(self) -> dict[str, float]:
-        """Statistics of the pacing so far, by the field names of `DEADLINE_RECORD`."""
+        """Statistics of the real-time pacing so far, by the field names of `DEADLINE_RECORD`."""
         found = dict(zip(DEADLINE_RECORD.names or (), self.memory[0].item(), strict=True))
         self.lateness.largest = found["largest"]
         return found

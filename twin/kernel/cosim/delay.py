@@ -34,7 +34,7 @@ def step(m, t, h, u, y):
 
 @step_function(DELAY_MEMORY)
 def fill_ring(m, t, h, u, y):
-    """Fill the memory of a delay with the present inputs, as if they had always been constant."""
+    """Fill the ring buffer of a delay with the present inputs, as if they had always been constant."""
     ring = carray(doubles_at(m.ring), m.size * m.ticks)
     u_, y_ = carray(u, m.size), carray(y, m.size)
     for j in range(m.size):
@@ -59,7 +59,7 @@ def _play(
     step, self, t, h, u_address, u_bytes, steps, count, y_address, rows_address, row_bytes, failed,
     table, pieces, copies_address, copy_bytes,
 ):  # fmt: skip
-    """Step a component `steps[k]` times for each row k; store outputs and `pieces` of memory after each.
+    """Step a component `steps[k]` times for each row k of inputs; store outputs and `pieces` of memory after each row.
 
     Returns:
         Completed rows: `count`, or fewer if a step `failed`.
@@ -87,7 +87,7 @@ def play(
     pieces: Pieces = NO_PIECES,
     copies: NDArray[np.uint8] | None = None,
 ) -> tuple[NDArray[np.float64], int]:
-    """Step `component` from its present state, once per row of `u`; its memory is changed.
+    """Run a component alone on rows of inputs `u`, from its present state, and return its outputs; changes its memory.
 
     Args:
         t, h: time and length of each step (s), shape (m,).
@@ -113,11 +113,11 @@ def play(
 
 
 def columns(component: Component, rows: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Split `rows` (n, outputs) by output port of `component`: (n,), or (n, size) for a port with several values."""
+    """Split rows of a component's outputs (n, outputs) by port: (n,), or (n, size) for a port with several values."""
     return values_by_port(component.outputs, rows)
 
 
 def values_by_port(ports: tuple[Port, ...], rows: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Split `rows` (n, width of `ports`) by port: (n,), or (n, size) for a port with several values."""
+    """Split rows (n, total width of `ports`) by port: (n,), or (n, size) for a port with several values."""
     parts = by_port(ports, rows)
     return {name: part[:, 0] if part.shape[1] == 1 else part for name, part in parts.items()}

@@ -56,7 +56,7 @@ GRAMMAR_PHRASE = "numbers, t, pi, + - * / ** and " + ", ".join(FUNCTION_CODES)
 
 @dataclass(frozen=True)
 class Expression:
-    """A function of time as a program of a stack machine.
+    """A mathematical expression of time, compiled to a program of a stack machine.
 
     Attributes:
         operations: operation codes, (n,) int64.
@@ -80,7 +80,7 @@ class Expression:
 
 
 def parse_expression(text: str, where: str) -> Expression:
-    """Parse an expression of time.
+    """Parse a mathematical expression of time into a program of a stack machine.
 
     Args:
         where: prefix of error messages.
@@ -107,7 +107,7 @@ def parse_expression(text: str, where: str) -> Expression:
 
 
 class _ExpressionReader:
-    """Compiler from a syntax tree to operations in postfix order."""
+    """Compiler from the syntax tree of an expression to stack-machine operations in postfix order."""
 
     def __init__(self, where: str):
         self._where = where
@@ -165,13 +165,13 @@ class _ExpressionReader:
 
 @njit(cache=True, error_model="numpy")
 def has_begun(t, start):
-    """Whether `t` is at or after `start`, within `TIME_TOLERANCE`."""
+    """Whether time `t` is at or after `start`, within `TIME_TOLERANCE`."""
     return t - start >= -TIME_TOLERANCE * max(1.0, abs(start))
 
 
 @njit(cache=True, error_model="numpy")
 def evaluate(operations_at, numbers_at, count, stack_at, t):
-    """Evaluate at time `t` the expression whose operations, numbers and stack are at the given addresses."""
+    """Evaluate an expression at time `t`; its operations, numbers and stack are at the given addresses."""
     operations, numbers = carray(integers_at(operations_at), count), carray(doubles_at(numbers_at), count)
     stack = carray(doubles_at(stack_at), count)
     top = -1

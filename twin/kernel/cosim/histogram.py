@@ -13,13 +13,13 @@ _integers = pointer_to(np.int64)
 
 @njit(cache=True)
 def bin_of(seconds):
-    """Return the bin index of a duration (s); bin 0 below `MIN_TIME`."""
+    """Return the histogram bin of a duration (s); bin 0 below `MIN_TIME`."""
     return min(int(math.log(seconds / MIN_TIME) / LOG_STEP) + 1, BIN_COUNT - 1) if seconds > MIN_TIME else 0
 
 
 @njit(cache=True)
 def count_in(bins, seconds):
-    """Count a duration (s) in the bins at address `bins`."""
+    """Count a duration (s) in a histogram whose bins are at address `bins`."""
     carray(_integers(bins), BIN_COUNT)[bin_of(seconds)] += 1
 
 
@@ -36,7 +36,7 @@ class Histogram:
         self.largest = 0.0
 
     def add(self, seconds: float) -> None:
-        """Add a duration (s); negative values count as 0."""
+        """Add a duration (s) to the histogram; negative values count as 0."""
         self.bins[bin_of.__wrapped__(seconds)] += 1
         self.largest = max(self.largest, seconds)
 

@@ -21,7 +21,7 @@ before."""
 
 
 def input_weights(port: Port, seen: bool, inputs: Inputs) -> np.ndarray:
-    """Weights (2, 3) of the valid, newest and previous output; rows: the first step, and repeated steps.
+    """Weights (2, 3) of the source's valid, newest and previous outputs in an input: first step, repeated steps.
 
     Args:
         seen: whether the result of the input's source is known in the first step.

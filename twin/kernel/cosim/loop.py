@@ -94,7 +94,7 @@ def _gather(m, part):
 
 @njit(cache=True)
 def _check_member(m, c, part, status):
-    """Whether a member stepped with finite outputs; if not, the member and its status are stored."""
+    """Whether a member of an algebraic loop stepped with finite outputs; if not, store the member and its status."""
     status = step_status(status, part.y, part)
     if status != 0:
         m.culprit, m.status = c, status
@@ -103,7 +103,10 @@ def _check_member(m, c, part, status):
 
 @njit(cache=True)
 def _run_pass(m, t, h):
-    """Run a pass over the members with the present z; store the residual g(z) - z. Return False if a member failed."""
+    """Step all members of an algebraic loop once at the present iterate z, and store the residual g(z) - z.
+
+    Return False if a member failed. Return False if a member failed.
+    """
     members = carray(_members_at(m.members), m.count)
     m.passes += 1
     for c in range(m.count):
@@ -131,7 +134,7 @@ def _run_pass(m, t, h):
 
 @njit(cache=True)
 def _invert(a, inverse, n):
-    """Invert `a` (n, n), which is overwritten; return False if it is singular."""
+    """Invert the matrix `a` (n, n), which is overwritten; return False if it is singular."""
     for i in range(n):
         for j in range(n):
             inverse[i, j] = 1.0 if i == j else 0.0
@@ -160,7 +163,7 @@ def _invert(a, inverse, n):
 
 @njit(cache=True)
 def _differentiate(m, t, h):
-    """Compute M at the present z, whose residual is known; return False if a member failed."""
+    """Compute the inverse matrix M of an algebraic loop at the iterate z; return False if a member failed."""
     n = m.size
     work = carray(doubles_at(m.work), (_WORK_ROWS, n))
     matrix = carray(doubles_at(m.work + 8 * _WORK_ROWS * n), (n, n))
@@ -193,7 +196,7 @@ def _differentiate(m, t, h):
 
 @njit(cache=True)
 def _correct_inverse(m):
-    """Update M by Broyden's formula from the last step and its change of the residual."""
+    """Update the loop's inverse matrix M by Broyden's formula from the last step and its change of the residual."""
     n = m.size
     work, inverse = carray(doubles_at(m.work), (_WORK_ROWS, n)), carray(doubles_at(m.inverse), (n, n))
     step, change, row = work[2], work[3], work[4]
@@ -212,7 +215,7 @@ def _correct_inverse(m):
 
 @njit(cache=True)
 def _solve(m, t, h):
-    """Iterate until the residual is small enough; return 0, MEMBER_FAILED or NOT_CONVERGED."""
+    """Iterate an algebraic loop until its residual is small enough; return 0, MEMBER_FAILED or NOT_CONVERGED."""
     n = m.size
     work, inverse = carray(doubles_at(m.work), (_WORK_ROWS, n)), carray(doubles_at(m.inverse), (n, n))
     z = carray(doubles_at(m.values), m.given + m.outputs + n)[m.given + m.outputs :]
@@ -284,7 +287,7 @@ def _step(m, t, h, u, y):
 
 
 class LoopComponent(Component):
-    """The members of an algebraic loop as one continuous component.
+    """A component that solves an algebraic loop: its members, stepped as one continuous component.
 
     Args:
         inputs: ports; wires refer to them as "given.<port>".
@@ -381,7 +384,7 @@ class LoopComponent(Component):
 
     @property
     def passes(self) -> int:
-        """Number of passes of the last step."""
+        """Number of passes over the loop's members in the last step."""
         return int(self._memory["passes"][0])
 
     def requests_end(self, status: int) -> bool:
@@ -429,7 +432,7 @@ class LoopComponent(Component):
 
 
 def _value_offsets(given: str, inputs: tuple[Port, ...], members: Sequence[Component]) -> dict[str, int]:
-    """Return the offset of each input and output among all values, by "component.port"."""
+    """Return the offset of each loop input and member output in their concatenated values, by "component.port"."""
     found, place = {}, 0
     for owner, ports in ((given, inputs), *((member.name, member.outputs) for member in members)):
         for port in ports:

@@ -169,7 +169,7 @@ def _step_continuous(m, table, mark, timed, y, k, again, apart):
 
 @njit(cache=True)
 def run_ticks(m, first, count, row):
-    """Run ticks `first` to `first + count - 1`, but not beyond the last tick, which gets a row but no step.
+    """Run ticks `first` to `first + count - 1` of a co-simulation, at most to the last tick, and store output rows.
 
     Args:
         m: record of `LOOP_RECORD`.
@@ -218,7 +218,7 @@ def run_ticks(m, first, count, row):
 
 @entry("int", "int", "int", "int", "int")
 def advance(loop, first, count, row):
-    """Call `run_ticks` for the loop at address `loop` from Python; passing only integers takes 0.2 us.
+    """Run ticks of the co-simulation loop whose memory is at address `loop`; passing only integers takes 0.2 us.
 
     Returns:
         Rows written; -1 - rows if a component failed.

@@ -19,7 +19,7 @@ MAX_SLICE = 1000
 
 
 class TickEvent(NamedTuple):
-    """An event at a tick: severity, message, and component."""
+    """An event of a simulation at a tick: severity, message, and component."""
 
     tick: int
     level: Level
@@ -44,17 +44,17 @@ class Observer:
     lasting: tuple[str, ...] = ()
 
     def begin(self, simulation: Simulation) -> None:
-        """Prepare for `simulation`, which starts after this method of all observers has returned."""
+        """Prepare the observer for `simulation`, which starts after this method of all observers has returned."""
 
     def ready(self, tick: int) -> None:
-        """Prepare for the slice from `tick` on; values written to component memory now take effect at that tick."""
+        """Prepare the observer for the slice from `tick` on; component memory written now takes effect at that tick."""
 
     def state(self) -> Any:
-        """Return the attributes `lasting` in JSON-compatible form."""
+        """Return the observer's saved state: the attributes in `lasting`, JSON-compatible."""
         return encode_json({name: getattr(self, name) for name in self.lasting})
 
     def restore(self, state: Any) -> None:
-        """Restore a result of `state` that was taken at the same tick.
+        """Restore the observer's state from a result of `state` at the same tick.
 
         Raises:
             InputRefused: invalid content.
@@ -69,7 +69,7 @@ class Observer:
             setattr(self, name, value)
 
     def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        """Process the rows and events of a completed slice.
+        """Process the output rows and events of a completed slice of the simulation.
 
         Args:
             first: tick of the first row.
@@ -81,7 +81,7 @@ class Observer:
 
 
 def _is_same_kind(value: Any, mine: Any) -> bool:
-    """Whether `value` can replace `mine`: a number, an array of equal dtype and dimension, or the same type."""
+    """Whether a restored `value` fits the attribute value `mine`: both numbers, like arrays, or of the same type."""
     if isinstance(mine, np.ndarray):
         return isinstance(value, np.ndarray) and (value.dtype, value.ndim) == (mine.dtype, mine.ndim)
     if isinstance(mine, (bool, int, float, np.generic)):
@@ -90,7 +90,7 @@ def _is_same_kind(value: Any, mine: Any) -> bool:
 
 
 class ProgressObserver(Observer):
-    """An observer that reports progress: `report(completed ticks, ticks)`."""
+    """An observer of a simulation that reports progress: `report(completed ticks, ticks)`."""
 
     def __init__(self, report: Callable[[int, int], None], ticks: int):
         self._report, self._ticks = report, ticks
@@ -100,7 +100,7 @@ class ProgressObserver(Observer):
 
 
 class MessageObserver(Observer):
-    """An observer that reports the messages of a system's components as events."""
+    """An observer of a simulation that reports the messages of a system's components as events."""
 
     def __init__(self, system: System):
         self._system = system
@@ -111,18 +111,18 @@ class MessageObserver(Observer):
 
 
 def message_events(system: System) -> Iterator[TickEvent]:
-    """Yield the component messages of `system` since the last call, as events."""
+    """Yield the messages of a system's components since the last call, as events."""
     for component in system.components:
         for tick, text in component.take_messages():
             yield TickEvent(tick, "WARNING", text, component.name)
 
 
 class SystemOwner(Protocol):
-    """An object that owns a system."""
+    """An object that owns a co-simulation system."""
 
     @property
     def system(self) -> System:
-        """The system to be stepped."""
+        """The co-simulation system to be stepped."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class SimulationResult:
         return self.simulation.failure
 
     def require_success(self) -> Self:
-        """Return the result itself if no component failed, else raise the failure."""
+        """Return this simulation result if no component failed; otherwise raise the component's failure."""
         if self.failure:
             raise self.failure
         return self
@@ -168,7 +168,7 @@ def simulate(
     adopt: Callable[[Simulation, SavedState], None] | None = None,
     start: Callable[[Simulation], None] | None = None,
 ) -> SimulationResult:
-    """Step a system from its first tick to `last_tick`, until a component fails, or until an observer ends it.
+    """Step a co-simulation system from its first to its last tick, until a component fails or an observer ends it.
 
     Args:
         assembly: owner of a newly created system.
@@ -204,7 +204,7 @@ def simulate(
 
 
 def step_until(simulation: Simulation, observers: Sequence[Observer], until: int) -> SimulationResult:
-    """Step `simulation` until tick `until`, a failure, or until one of its `observers` ends it."""
+    """Advance `simulation` slice by slice with its observers until tick `until`, a failure, or an observer ends it."""
     halts = sorted({until, *(tick for observer in observers for tick in observer.halts)})
     stepping, began_at = 0.0, simulation.next_tick
     waited = simulation.wait_time

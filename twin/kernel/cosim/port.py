@@ -36,28 +36,28 @@ class Port:
 
 
 def width(ports: tuple[Port, ...]) -> int:
-    """Total number of doubles of `ports`."""
+    """Total number of values of `ports`."""
     return sum(port.size for port in ports)
 
 
 def port_record(ports: tuple[Port, ...]) -> np.dtype:
-    """Record dtype with a field per port: a double, or an array of the port's size."""
+    """Record dtype with a field per port: a double, or an array of the port's size, for compiled steps."""
     return np.dtype([(port.name, "f8") if port.size == 1 else (port.name, "f8", (port.size,)) for port in ports])
 
 
 def by_port(ports: tuple[Port, ...], values: np.ndarray) -> dict[str, np.ndarray]:
-    """Split `values` (..., width of `ports`) into views (..., size) by port name."""
+    """Split concatenated port values (..., width of `ports`) into views (..., size) by port name."""
     return {name: values[..., place] for name, place in port_slices(ports).items()}
 
 
 def port_slices(ports: tuple[Port, ...]) -> dict[str, slice]:
-    """Slices of the ports in the concatenated values, by port name."""
+    """Slices of ports in their concatenated values, by port name."""
     ends = np.cumsum([port.size for port in ports]).tolist()
     return {port.name: slice(end - port.size, end) for port, end in zip(ports, ends, strict=True)}
 
 
 def format_values(ports: tuple[Port, ...], values: np.ndarray) -> str:
-    """Format the values of `ports` for messages: `speed = 0.13 rad/s, torque = 0.061 N m`."""
+    """Format the values of `ports` with names and units for messages: `speed = 0.13 rad/s, torque = 0.061 N m`."""
     texts = []
     for port, part in zip(ports, by_port(ports, values).values(), strict=True):
         shown = f"{part[0]:.6g}" if port.size == 1 else "(" + ", ".join(f"{v:.6g}" for v in part) + ")"
@@ -66,7 +66,7 @@ def format_values(ports: tuple[Port, ...], values: np.ndarray) -> str:
 
 
 def record(**fields: Any) -> np.dtype:
-    """Record dtype with the given fields, aligned as in C.
+    """Dtype of a record for compiled code, with the given fields, aligned as in C.
 
     Args:
         fields: field name -> "i8" for an integer or address, "u8" for an unsigned integer, "f8" for a double, "3f8" for
@@ -76,7 +76,7 @@ def record(**fields: Any) -> np.dtype:
 
 
 def state(form: Any, below: str = "") -> np.dtype:
-    """Mark the dtype of a field as changed by steps; for an address, the memory behind it.
+    """Mark a field of a memory record as changed by steps, so that it is saved; for an address, the memory behind it.
 
     Args:
         form: see `record`.
@@ -90,13 +90,13 @@ def state(form: Any, below: str = "") -> np.dtype:
 
 
 def states(**fields: Any) -> dict[str, np.dtype]:
-    """Mark the dtypes of all `fields` as `state`."""
+    """Mark all `fields` of a memory record as changed by steps, so that they are saved."""
     return {name: state(form) for name, form in fields.items()}
 
 
 @dataclass(frozen=True)
 class StateField:
-    """A field of a record, possibly nested, that steps change.
+    """A field of a memory record, possibly nested, that steps change, so that it is saved.
 
     Attributes:
         path: field names from the outermost record.
@@ -111,19 +111,19 @@ class StateField:
         return ".".join(self.path)
 
     def view_in(self, memory: np.ndarray) -> np.ndarray:
-        """Return a view of the field's values in `memory`."""
+        """Return a view of the state field's values in the record `memory`."""
         for name in self.path:
             memory = memory[name]
         return memory
 
     def limit(self, memory: np.ndarray) -> np.ndarray:
-        """Return the exclusive upper bounds of the field's values, in the same shape."""
+        """Return the exclusive upper bounds of an index field's values, in the same shape."""
         path = (self.below[1:],) if self.below.startswith("/") else (*self.path[:-1], self.below)
         return StateField(path, "").view_in(memory)
 
 
 def state_fields(kind: np.dtype, path: tuple[str, ...] = ()) -> Iterator[StateField]:
-    """Yield every field of the record `kind` that is declared as `state`, in order."""
+    """Yield every field of the record `kind` that steps change, in order."""
     for name, (field, *_) in (kind.fields or {}).items():
         base = field.base
         metadata: Mapping[str, Any] = base.metadata or {}
@@ -134,7 +134,7 @@ def state_fields(kind: np.dtype, path: tuple[str, ...] = ()) -> Iterator[StateFi
 
 
 def memory_of(kind: np.dtype, **values: Any) -> np.ndarray:
-    """Make a new record of dtype `kind`, shape (1,), with `values` in its fields and 0 in all others."""
+    """Create a record of dtype `kind`, shape (1,), with `values` in its fields and 0 in all others."""
     memory = np.zeros(1, dtype=kind)
     for name, value in values.items():
         memory[name][0] = value
@@ -142,7 +142,7 @@ def memory_of(kind: np.dtype, **values: Any) -> np.ndarray:
 
 
 def record_of(values: type, **more: Any) -> np.dtype:
-    """Record dtype with the fields of a class, and `more`.
+    """Record dtype for compiled code, with the fields of a class of numbers, and `more` fields.
 
     Args:
         values: a `Values` class, a table of settings (its numbers become fields), or a NamedTuple of floats, triples of

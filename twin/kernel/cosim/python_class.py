@@ -44,22 +44,22 @@ class PythonModel(Protocol):
 
     @property
     def inputs(self) -> Sequence[Port]:
-        """Input ports of the component."""
+        """Input ports of the Python component."""
 
     @property
     def outputs(self) -> Sequence[Port]:
-        """Output ports of the component."""
+        """Output ports of the Python component."""
 
     @property
     def sampled(self) -> bool:
         """Whether the component is evaluated at t_k, without advancing time; see `Component`."""
 
     def step(self, t: float, h: float, u: np.ndarray, y: np.ndarray) -> None:
-        """Compute outputs `y` in place from inputs `u`, for a step from `t` to `t` + `h` (s); raise to stop the run."""
+        """Compute outputs `y` in place from inputs `u` for a step from `t` to `t` + `h` (s); raise to stop the run."""
 
 
 class PythonComponent(Component):
-    """A `PythonModel` as a component; slower than a compiled one, as each step is a callback.
+    """A Python object as a component; slower than a compiled one, as each step is a callback.
 
     Args:
         model: Python object with the step.
@@ -123,7 +123,7 @@ class PythonComponent(Component):
 
 
 class ObjectStates:
-    """State of a Python object as a `Holder`; its tokens are the serialised state.
+    """Saved states of a Python object as a `Holder`; its tokens are the serialised state.
 
     Args:
         label: name in error messages.
@@ -145,7 +145,7 @@ class ObjectStates:
         self._call_method("restore", lambda: self._model.restore(state))
 
     def free(self, token: bytes) -> None:
-        """Do nothing, as tokens own no resources."""
+        """Do nothing: tokens are serialised states of a Python object, which own no resources."""
 
     def pack(self, token: bytes) -> bytes:
         return token
@@ -167,11 +167,11 @@ def doubles_view(address: int, count: int) -> np.ndarray:
 
 
 class InvalidOutputs(Exception):
-    """Outputs of a step that do not match the declared ports; the message is a verb phrase."""
+    """Error that a Python component's outputs do not match its declared ports; the message is a verb phrase."""
 
 
 class DeclaredPorts:
-    """Ports that a class declares, optionally in units of its own.
+    """Input or output ports that a Python class declares, optionally in units of its own.
 
     Attributes:
         ports: declared ports, in the order offered.
@@ -207,7 +207,7 @@ def _gain(label: str, port: Port, unit: Any) -> float:
 
 
 class NamedPorts:
-    """Adapter from a class with dictionaries to a `PythonModel`; arrays are copied in both directions.
+    """Adapter from a class with dictionaries of values to a `PythonModel`; arrays are copied in both directions.
 
     Args:
         model: object with `step(t, inputs) -> outputs`.
@@ -230,7 +230,7 @@ class NamedPorts:
 
 
 def _write_outputs(answer: Any, wanted: DeclaredPorts, into: np.ndarray) -> None:
-    """Check the result of a step and write it to `into`, in SI units."""
+    """Check the outputs that a Python step returned and write them to the array `into`, in SI units."""
     if not isinstance(answer, Mapping):
         raise InvalidOutputs(f"returned {type(answer).__name__} from step (expected a dictionary of its outputs)")
     for name, size, place, gain in wanted.places:
@@ -251,7 +251,7 @@ def _write_outputs(answer: Any, wanted: DeclaredPorts, into: np.ndarray) -> None
 
 
 class PythonSource:
-    """A Python file, read and compiled once; `load_class` executes it.
+    """A Python source file with component classes, read and compiled once.
 
     Attributes:
         sha256: digest of its content.
@@ -271,7 +271,7 @@ class PythonSource:
             raise InputRefused(f"{file}: not a Python file: {problem}") from None
 
     def load_class(self, name: str) -> type:
-        """Execute the file as a new module and return its class `name`; the file can import from its own folder.
+        """Execute the Python file as a new module and return its class `name`; it can import from its own folder.
 
         Raises:
             InputRefused: the file raises an exception, or has no such class.
@@ -300,7 +300,7 @@ class PythonSource:
 def declared_ports(
     label: str, kind: Any, inputs: Sequence[Port], outputs: Sequence[Port], required: Sequence[str]
 ) -> tuple[DeclaredPorts, DeclaredPorts]:
-    """Check the declarations of a class or instance; return its (inputs, outputs).
+    """Check the ports that a Python component class or instance declares; return its (inputs, outputs).
 
     Args:
         label: name in error messages.
@@ -324,7 +324,7 @@ def declared_ports(
 
 
 def make_instance(label: str, kind: type, parameters: Mapping[str, Any]) -> Any:
-    """Create an instance of `kind` with `parameters`.
+    """Create an instance of the Python class `kind` with `parameters`.
 
     Raises:
         InputRefused: unknown or missing parameters, or an exception in the constructor.
@@ -345,7 +345,7 @@ def make_instance(label: str, kind: type, parameters: Mapping[str, Any]) -> Any:
 
 
 def exception_phrase(problem: BaseException | None) -> str:
-    """Describe an exception and its origin: `raised ValueError: text (my_controller.py, line 12)`."""
+    """Describe an exception and its origin in a phrase: `raised ValueError: text (my_controller.py, line 12)`."""
     frames = [
         f for f in traceback.extract_tb(problem.__traceback__ if problem else None) if not _is_this_file(f.filename)
     ]

@@ -20,7 +20,7 @@ def step(m, t, h, u, y):
 
 
 def playback(ports: tuple[Port, ...], values: np.ndarray) -> Component:
-    """Make a sampled component that outputs row k of `values` at tick k, and the last row afterwards.
+    """Make a component that plays back `values`: it outputs row k at tick k, and the last row afterwards.
 
     Args:
         values: shape (ticks, width of `ports`).

@@ -17,7 +17,7 @@ from twin.kernel.hooks import HOOKS
 
 
 def failure_phrase(system: System, u: np.ndarray, y: np.ndarray, culprit: int, status: int, tick: int) -> str:
-    """Describe a failure: component, function, simulated time and last inputs, without a full stop.
+    """Describe a component's failure: component, function, simulated time and last inputs, without a full stop.
 
     Args:
         u, y: memory of all inputs and of all outputs, as the master left them.
@@ -50,7 +50,7 @@ def _not_finite(system: System, y: np.ndarray, culprit: int) -> str:
 
 @dataclass(frozen=True)
 class SimulationMemory:
-    """Memory that another process can read while a step runs.
+    """Memory of a simulation that a supervising process can read while a step runs.
 
     Attributes:
         mark: (2,) int64: tick and component being stepped, NO_COMPONENT between slices.
@@ -105,14 +105,14 @@ class Simulation:
         self._deadlines: Deadlines | None = None
 
     def pace(self, waits: Deadlines) -> None:
-        """Pace the simulation: from now on no tick begins before its deadline."""
+        """Run the simulation in real time: from now on no tick begins before its deadline."""
         self._advance = waits.paced_advance(self._advance, self._address)
         self._deadlines, self._address = waits, waits.address
         self._advance(self._address, 0, 0, 0)
 
     @property
     def wait_time(self) -> float:
-        """Wall time spent waiting for deadlines (s)."""
+        """Wall time that the simulation has spent waiting for deadlines (s)."""
         return float(self._deadlines.memory["waited"][0]) if self._deadlines else 0.0
 
     @property
@@ -125,7 +125,7 @@ class Simulation:
         return self._table["cycles"] if self._timed else np.zeros(0, dtype=np.int64)
 
     def advance(self, most: int | None = None) -> np.ndarray:
-        """Run one slice of at most `most` ticks (None for `slice_ticks`).
+        """Run one slice of the simulation, of at most `most` ticks (None for `slice_ticks`).
 
         Returns:
             (ticks, outputs): one row per tick from the old `next_tick` on, a view that the next call overwrites. If a
@@ -146,7 +146,7 @@ class Simulation:
         return self._rows if done == len(self._rows) else self._rows[:done]
 
     def state(self) -> SystemState:
-        """Save the state at the beginning of `next_tick`, to restore it here or export it to another process.
+        """Save the simulation's state at the beginning of `next_tick`, for use here or in another process.
 
         Raises:
             InputRefused: a component cannot save its state, see `stateless_reasons`.
@@ -155,7 +155,7 @@ class Simulation:
         return self._places.save_state(self.next_tick)
 
     def restore(self, state: SystemState | SavedState) -> None:
-        """Restore `state`, from this simulation or one of the same system; `last_tick` is unchanged.
+        """Restore a saved `state` of this simulation or one of the same system; `last_tick` is unchanged.
 
         Raises:
             InputRefused: the state is of another system, or a component cannot restore its state.
@@ -179,7 +179,7 @@ class Simulation:
             taken.close()
 
     def adopt(self, saved: SavedState) -> list[str]:
-        """Restore a state of a system that may have more, fewer or changed components.
+        """Restore the state of a system that may have more, fewer or changed components.
 
         Components are matched by name. Constants of the experiment are not changed.
 
@@ -223,7 +223,7 @@ class Simulation:
         return new
 
     def jump_to(self, tick: int, outputs: Mapping[str, np.ndarray]) -> None:
-        """Set the present tick and outputs; the caller sets the state of the components.
+        """Set the simulation's present tick and outputs; the caller sets the state of the components.
 
         Args:
             outputs: component name -> valid outputs, also used for all other instants that the system stores; other
@@ -239,7 +239,7 @@ class Simulation:
         self.failure, self.culprit = None, ""
 
     def derive_outputs(self, component: Component, passed_on: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Set the outputs of `component` to `passed_on(inputs)`, at all stored instants, the newest last."""
+        """Compute and set the outputs of `component` by a function of its present inputs, at all stored instants."""
         c = self.system.components.index(component)
         sources = self.system.sources[self.system.u_start[c] : self.system.u_start[c + 1]] % self.system.outputs_width
         copies = self._copies()
@@ -250,22 +250,22 @@ class Simulation:
 
     @cached_property
     def _starts(self) -> list[tuple[Component, int]]:
-        """Components with the offsets of their outputs."""
+        """Components of the system with the offsets of their outputs."""
         return list(zip(self.system.components, self.system.y_start.tolist(), strict=False))
 
     def _copies(self) -> np.ndarray:
-        """Return a view of all outputs, (number of stored instants, outputs_width)."""
+        """Return a view of all components' outputs at the stored instants, (number of instants, outputs_width)."""
         return self._y.reshape(-1, self.system.outputs_width)
 
     def _set_tick(self, tick: int) -> None:
-        """Set the present tick and apply the scheduled memory changes before it."""
+        """Set the simulation's present tick and apply the scheduled memory changes before it."""
         for change in self.system.changes:
             if change.tick < tick:
                 change.memory[...] = change.value
         self.next_tick = tick
 
     def _refuse_other_time(self, saved: SavedState) -> None:
-        """Refuse a state whose tick is outside this simulation or contradicts the state's time."""
+        """Refuse a saved state whose tick is outside this simulation or contradicts the state's time."""
         time = saved.about.get("time", saved.tick * self.system.tick)
         if not self.system.first_tick <= saved.tick <= self.last_tick + 1:
             raise InputRefused(
@@ -280,7 +280,7 @@ class Simulation:
             )
 
     def _refuse_not_finite(self, state: SystemState) -> None:
-        """Refuse a state with a non-finite output that a component reads."""
+        """Refuse a saved state with a non-finite output that a component reads."""
         place = 0
         copies = len(self._y) // max(1, self.system.outputs_width)
         for component in self.system.components:
@@ -296,7 +296,7 @@ class Simulation:
         return StatePlaces(self.system.components, self._y, self._u)
 
     def run(self) -> np.ndarray:
-        """Run to the end and return all rows, (last_tick + 1, outputs).
+        """Run the simulation to the end and return all output rows, (last_tick + 1, outputs).
 
         Raises:
             ComponentFailed: a component failed; the message names component, function, simulated time and last inputs.
@@ -314,12 +314,12 @@ class Simulation:
         return self._u[self.system.u_start[c] : self.system.u_start[c + 1]]
 
     def outputs(self, component: Component) -> np.ndarray:
-        """Return the valid outputs of `component`, a view."""
+        """Return the valid outputs of `component`, as a view."""
         c = self.system.components.index(component)
         return self._y[self.system.y_start[c] : self.system.y_start[c + 1]]
 
     def _change_memory(self) -> int:
-        """Apply the memory changes of the next tick; return the number of ticks until the following change."""
+        """Apply the next tick's scheduled memory changes; return the number of ticks until the following change."""
         for change in self.system.changes:
             if change.tick == self.next_tick:
                 change.memory[...] = change.value

@@ -39,7 +39,7 @@ SIMPLE_DTYPES = "?bhilqBHILQfd"
 
 
 class SavedPiece(NamedTuple):
-    """A piece of a component's memory: component, piece name, dtype and shape of its numbers, and content."""
+    """A saved piece of a component's memory: component, piece name, dtype and shape of its numbers, and content."""
 
     component: str
     name: str
@@ -49,7 +49,7 @@ class SavedPiece(NamedTuple):
 
     @property
     def form(self) -> tuple[str, str, str, list[int]]:
-        """Piece without content: component, name, dtype, shape."""
+        """Form of a saved memory piece, without its content: component, name, dtype, shape."""
         return self[:4]
 
     def __str__(self) -> str:
@@ -57,7 +57,7 @@ class SavedPiece(NamedTuple):
 
 
 class SavedContent(NamedTuple):
-    """State of a component held by an FMU, a Python object or another process: component, holder name, content."""
+    """Saved state of a component from an FMU, a Python object or another process: component, holder name, content."""
 
     component: str
     name: str
@@ -66,7 +66,7 @@ class SavedContent(NamedTuple):
 
 @dataclass(frozen=True)
 class SavedState:
-    """A state without addresses, for any process with the same system.
+    """State of a system without addresses, which any process with the same system can restore.
 
     Attributes:
         tick: tick at whose beginning the state was saved.
@@ -80,7 +80,7 @@ class SavedState:
     about: dict[str, Any]
 
     def to_bytes(self) -> bytes:
-        """Serialise and compress the state."""
+        """Serialise and compress the saved state of a system."""
         pieces = [[*piece.form, len(piece.content)] for piece in self.pieces]
         inside = [[one.component, one.name, len(one.content)] for one in self.inside]
         front = {"version": VERSION, "tick": self.tick, "pieces": pieces, "inside": inside, "about": self.about}
@@ -90,7 +90,7 @@ class SavedState:
 
     @classmethod
     def from_bytes(cls, content: bytes, where: str) -> "SavedState":
-        """Read a state written by `to_bytes`.
+        """Read the saved state of a system from bytes written by `to_bytes`.
 
         Args:
             where: prefix of error messages.
@@ -152,7 +152,7 @@ def _has_type(value: Any, kind: type) -> bool:
 
 
 class SystemState:
-    """A state in the memory of its own process; FMUs hold their part of it.
+    """Saved state of a system in the memory of its own process; FMUs hold their part of it.
 
     Attributes:
         tick: tick at whose beginning the state was saved.
@@ -166,7 +166,7 @@ class SystemState:
         self._freed.atexit = False
 
     def saved(self, **about: Any) -> SavedState:
-        """Export the state for another process, with additional data `about` it.
+        """Export the saved state for another process, with additional data `about` it.
 
         Raises:
             InputRefused: a component's state cannot be serialised.
@@ -175,17 +175,17 @@ class SystemState:
         return self.places.export_state(self, about)
 
     def close(self) -> None:
-        """Free the parts that FMUs store; safe to call twice, and called by garbage collection."""
+        """Free the parts of the saved state that FMUs store; safe to call twice, and called by garbage collection."""
         self._freed()
 
 
 def holds_all(holder: Holder) -> bool:
-    """Whether the holder packs a `SavedState` of its whole component, which lives in another process."""
+    """Whether a state holder saves its whole component, which lives in another process."""
     return bool(getattr(holder, "whole", False))
 
 
 class StatePlaces:
-    """Memory and holders that contain the state of a system.
+    """Memory pieces and holders that together contain the state of a system, to save and restore it.
 
     Args:
         components: components of the system.
@@ -213,22 +213,22 @@ class StatePlaces:
         self._memory = Pieces(array for *_, array in self._pieces)
 
     def save_state(self, tick: int) -> SystemState:
-        """Save the present state, at the beginning of `tick`."""
+        """Save the present state of the system, at the beginning of `tick`."""
         return SystemState(self, tick, self._memory.save(), [holder.save_state() for *_, holder in self._holders])
 
     def restore_state(self, state: SystemState) -> None:
-        """Restore a state that was saved here."""
+        """Restore a state of the system that was saved here."""
         for (*_, holder), token in zip(self._holders, state.tokens, strict=True):
             holder.restore_state(token)
         self._memory.restore(state.memory)
 
     def free(self, tokens: Sequence[Any]) -> None:
-        """Free saved states that are identified by the tokens of all holders."""
+        """Free the saved states that the tokens of all holders identify."""
         for (*_, holder), token in zip(self._holders, tokens, strict=False):
             holder.free(token)
 
     def export_state(self, state: SystemState, about: dict[str, Any]) -> SavedState:
-        """Export a state that was saved here for another process; errors as in `SystemState.saved`."""
+        """Export a state of the system that was saved here, for another process; errors as in `SystemState.saved`."""
         refuse_stateless(self._components)
         packed = [holder.pack(token) for (*_, holder), token in zip(self._holders, state.tokens, strict=True)]
         own, place = [], 0
@@ -257,7 +257,7 @@ class StatePlaces:
         return SavedState(state.tick, pieces, inside, about)
 
     def import_state(self, saved: SavedState) -> SystemState:
-        """Convert a `SavedState` of the same system to a state that can be restored here.
+        """Convert a state from another process or file, of the same system, to a state that can be restored here.
 
         Raises:
             InputRefused: the state is of another system, or invalid.
@@ -323,7 +323,7 @@ class StatePlaces:
         return {(component, name) for component, name, _ in self._holders}
 
     def _split_state(self, saved: SavedState) -> tuple[list[SavedPiece], dict[tuple[str, str], bytes]]:
-        """Split a state into pieces in this process and contents for holders, by (component, holder name).
+        """Split a saved state into memory pieces of this process and contents for holders, by (component, holder name).
 
         The content for a holder of a whole component is a serialised `SavedState`.
         """
@@ -353,13 +353,13 @@ def _member_prefix(name: str) -> str:
 
 
 def refuse_stateless(components: Iterable[Component], portable: bool = True) -> None:
-    """Refuse components whose state cannot be saved, with the reason for each."""
+    """Raise an error if the state of any component cannot be saved, with the reason for each."""
     if missing := stateless_reasons(components, portable):
         raise InputRefused("; ".join(missing))
 
 
 def stateless_reasons(components: Iterable[Component], portable: bool = True) -> list[str]:
-    """Return a sentence without full stop for each of `components` whose state is needed and cannot be saved."""
+    """Return a sentence without full stop for each component whose state is needed and cannot be saved."""
     why = [(component, component.lacks_state(portable)) for component in components if not component.alive]
     return [f"{c.label} ({c.name}) {reason}" if c.label else f"{c.name} {reason}" for c, reason in why if reason]
 

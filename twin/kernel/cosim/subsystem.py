@@ -144,7 +144,7 @@ class Subsystem(Component):
 
     @property
     def _inner(self) -> Sequence[Component]:
-        """Inner components except the inlet, whose values are set again in every step."""
+        """Components of the inner system except the inlet, whose values are set again in every step."""
         return self.system.components[1:]
 
     def keep_time(self, clock: np.ndarray) -> None:

@@ -21,7 +21,7 @@ _END_PATTERN = re.compile(r"(?P<component>[^.]+)\.(?P<port>[^.\[]+)(\[(?P<index>
 
 
 class End(NamedTuple):
-    """One value of a port, as an end of a wire."""
+    """An end of a wire: a single value of a component's port."""
 
     component: str
     port: str
@@ -33,7 +33,7 @@ Feeds = dict[End, End]
 
 
 def ends(components: Iterable[Component], side: Side, port: str) -> list[End]:
-    """All elements of port `port`, over the components that have it, in component order."""
+    """Return the wire ends of all elements of port `port`, over the components that have it, in component order."""
     return [
         End(component.name, port, index)
         for component in components
@@ -75,7 +75,7 @@ def _text(end: End) -> str:
 
 @dataclass(frozen=True)
 class Slots:
-    """Position of a wire end in the vector of all inputs or all outputs."""
+    """Position of a wire's end in the vector of all inputs or all outputs of a system."""
 
     start: int
     size: int
@@ -158,12 +158,12 @@ class System:
 
     @property
     def interpolates(self) -> bool:
-        """Whether inputs are weighted sums of outputs at several instants."""
+        """Whether inputs of continuous components are weighted sums of outputs at several instants."""
         return self.inputs != "hold" or self.iterations > 1
 
     @property
     def has_separate_newest(self) -> bool:
-        """Whether newest outputs are stored separately from the valid ones.
+        """Whether the newest outputs of components are stored separately from the valid ones.
 
         Not needed in Gauss-Seidel order if all components step every tick, as every replaced value has been read
         before.
@@ -180,12 +180,12 @@ class System:
         return int(self.y_start[-1])
 
     def outputs(self) -> np.ndarray:
-        """Allocate the initial outputs: (outputs_width,), times 2 if newest are separate, 3 if interpolated."""
+        """Allocate the initial outputs: (outputs_width,), times 2 if newest are separate, times 3 if interpolated."""
         valid = np.concatenate([np.zeros(0), *(c.initial_outputs for c in self.components)])
         return np.tile(valid, 3 if self.interpolates else 1 + self.has_separate_newest)
 
     def table(self, u: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Make the component table of the compiled loop.
+        """Make the table of components for the compiled loop.
 
         Args:
             u: memory of all inputs, (inputs_width,).
@@ -216,7 +216,7 @@ class System:
         return table
 
     def loop(self, table: np.ndarray, y: np.ndarray, mark: np.ndarray, last: int) -> np.ndarray:
-        """Make the memory of the compiled loop, `LOOP_RECORD` (1,), without rows; it does not keep the arguments alive.
+        """Make the memory record of the compiled loop, `LOOP_RECORD` (1,), without rows; it keeps no argument alive.
 
         Args:
             table: component table, from `table`.
@@ -231,12 +231,12 @@ class System:
         return loop
 
     def columns(self, end: str) -> slice:
-        """Return the columns of a row with the output `"component.port"`."""
+        """Return the columns in an output row of the output `"component.port"`."""
         slots = self._slots(end, "output")
         return slice(slots.start, slots.start + slots.size)
 
     def has_output(self, end: str) -> bool:
-        """Whether the output `"component.port"` exists."""
+        """Whether the system has the output `"component.port"`."""
         name, _, port = end.partition(".")
         return any(c.name == name and any(p.name == port for p in c.outputs) for c in self.components)
 
@@ -298,7 +298,7 @@ class System:
         return rewinds
 
     def sees_newest(self, source: int, target: int) -> bool:
-        """Whether component number `target` reads the result of component number `source` in the same step."""
+        """Whether continuous component `target` (number) reads the result of component `source` in the same step."""
         return self.scheme == "gauss_seidel" and self.sampled <= source < target
 
     def _position(self, name: str, end: str) -> int:

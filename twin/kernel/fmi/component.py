@@ -31,7 +31,7 @@ STATELESS_FOLDER = "without_state"
 
 
 def mark_stateless(sha256: str, reason: str) -> None:
-    """Mark an FMU as having no usable state, for all processes of this user, or remove the mark.
+    """Mark an FMU as unable to save its state, for all processes of this user, or remove the mark.
 
     Args:
         sha256: digest of the FMU file.
@@ -45,12 +45,12 @@ def mark_stateless(sha256: str, reason: str) -> None:
 
 
 def is_marked_stateless(sha256: str) -> bool:
-    """Whether the FMU is marked by `mark_stateless`; creates no folder."""
+    """Whether an FMU is marked as having no usable state, see `mark_stateless`; creates no folder."""
     return (cache_base() / STATELESS_FOLDER / sha256).exists()
 
 
 class FmuStates:
-    """Internal states of an FMU (FMI 2.0.4, 2.1.8; FMI 3.0, 2.2.5) as a `Holder`; tokens are their addresses.
+    """Saved internal states of an FMU (FMI 2.0.4, 2.1.8; FMI 3.0, 2.2.5) as a `Holder`; tokens are their addresses.
 
     Args:
         stepping: its step; while tokens exist, it announces to the FMU that a state may be restored.
@@ -96,7 +96,7 @@ class FmuStates:
 
 
 class RememberedMessages:
-    """Record of an FMU's reported messages as a `Holder`; tokens are lists of messages.
+    """Saved lists of the messages that an FMU has reported, as a `Holder`.
 
     Args:
         label: prefix of error messages.
@@ -115,7 +115,7 @@ class RememberedMessages:
         self._stepping.discard_reported = bool(token[2])
 
     def free(self, token: list[Any]) -> None:
-        """Do nothing, as tokens own no resources."""
+        """Do nothing: the token is a list of messages, which owns no resources."""
 
     def pack(self, token: list[Any]) -> bytes:
         return json.dumps(token).encode()
@@ -136,7 +136,7 @@ def open_instance(
     inputs: Sequence[Setting] = (),
     setup: Setup = Setup(),  # noqa: B008, it is frozen
 ) -> Instance:
-    """Create an instance of the FMU's kind; arguments as of `Instance`.
+    """Create and initialise an FMU instance, for co-simulation or model exchange; arguments as of `Instance`.
 
     Raises:
         InputRefused: it cannot be loaded, instantiated or initialised.
@@ -146,7 +146,7 @@ def open_instance(
 
 
 class _DeferredInstances:
-    """Instances whose release is deferred, and whether release is deferred now."""
+    """FMU instances whose release is deferred, and whether release is deferred now."""
 
     def __init__(self) -> None:
         self.now = False
@@ -158,7 +158,7 @@ _instances_to_free = _DeferredInstances()
 
 @contextmanager
 def defer_release() -> Iterator[None]:
-    """Defer the release of instances that end in the block, as some FMUs crash when freed.
+    """Defer the release of FMU instances that end in the block, as some FMUs crash when freed.
 
     Instances of FMUs that allow only one per process are freed immediately.
     """
@@ -170,7 +170,7 @@ def defer_release() -> Iterator[None]:
 
 
 def release(instance: Instance) -> None:
-    """Free an instance after its run, or defer that within `defer_release`."""
+    """Free an FMU instance after its run, or defer that within `defer_release`."""
     if _instances_to_free.now and not instance.description.single_instance:
         _instances_to_free.instances.append(instance)
     else:
@@ -178,7 +178,7 @@ def release(instance: Instance) -> None:
 
 
 class FmuComponent(Component):
-    """An FMU instance as a component; continuous by default, with a solver for model exchange.
+    """An FMU instance as a component of a co-simulation, with a solver for model exchange.
 
     Args:
         name: name of component and FMU instance.
@@ -268,23 +268,23 @@ class FmuComponent(Component):
         self._unread_reported: set[str] = set()
 
     def zero(self, name: str) -> float:
-        """Return the value of output port `name` (SI) that corresponds to 0 in the FMU."""
+        """Return the value (SI) of output port `name` that corresponds to an FMU output of 0."""
         return float(by_port(self.outputs, self._shift)[name][0])
 
     @property
     def ports(self) -> tuple[Sequence[FmuPort], Sequence[PortSlots]]:
-        """(input ports, output ports with slots), with their FMU variables."""
+        """Ports with their FMU variables: (input ports, output ports with slots)."""
         return self._stepping.inputs, self._stepping.outputs
 
     @property
     def step_call(self) -> str:
-        """Name of the FMU function that a step calls, for messages."""
+        """Name of the FMI function that a step of the FMU calls, for messages."""
         if isinstance(self.instance, ModelExchange):
             return "its equations of model exchange"
         return f"{self.instance.description.prefix}DoStep"
 
     def _initial_values(self, port: FmuPort) -> np.ndarray:
-        """Return output values before the first step, for clocked outputs the start values."""
+        """Return the outputs of the FMU before its first step; for clocked outputs the start values."""
         if port.variable.clocks:
             return np.full(port.port.size, np.nan_to_num(port.variable.start))
         return self.instance.read_floats([port.variable])

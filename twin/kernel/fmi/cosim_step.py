@@ -167,7 +167,7 @@ _words_at = pointer_to(np.int32)
 
 @njit(cache=True)
 def _reached_time(s, instance, here, goal, close):
-    """Query the time that the FMU has reached; return (time, 0), or (NaN, failure status)."""
+    """Query the time that the FMU has reached in a discarded step; return (time, 0), or (NaN, failure status)."""
     s.flag, s.value = 0, np.nan
     if (
         s.boolean_status != 0
@@ -184,7 +184,7 @@ def _reached_time(s, instance, here, goal, close):
 
 @njit(cache=True)
 def continue_discarded_step(address, ramp, do_step, instance, t, h, final):
-    """Continue to `t` + `h` after the step from `t` was discarded; return 0 or a failure status.
+    """Continue an FMU's discarded step from `t` in parts until `t` + `h`; return 0 or a failure status.
 
     Args:
         address: address of a `DISCARD_RECORD`.
@@ -299,7 +299,7 @@ def restore(m, t, h, u, y):
 
 @njit(cache=True)
 def due_step(address, t, h):
-    """Return the step that begins at `t` if a clock ticks there, else -1."""
+    """Return the number of the step that begins at `t` if an input clock of the FMU ticks there, else -1."""
     e = carray(_events_at(address), 1)[0]
     n = np.int64(np.floor(t / h + 0.5))
     clocks = carray(_clocks_at(e.clock_table), e.clocks)
@@ -311,7 +311,7 @@ def due_step(address, t, h):
 
 @njit(cache=True)
 def fill_discrete_inputs(address, u):
-    """Convert the discrete inputs at address `u` into their buffers.
+    """Convert the FMU's discrete inputs at address `u` to FMU values in their buffers.
 
     Returns:
         (whether an unclocked input differs from the last value set, 0 or `INPUT_OUT_OF_RANGE`).
@@ -332,7 +332,7 @@ def fill_discrete_inputs(address, u):
 
 @njit(cache=True)
 def _set_discrete(e, active):
-    """Set discrete inputs, unclocked or with active clocks, from their buffers; return 0 or a failure status."""
+    """Set an FMU's discrete inputs (unclocked, or with active clocks) from buffers; return 0 or a failure status."""
     groups = carray(groups_at(e.discrete_groups), e.discrete)
     for i in range(e.discrete):
         g = groups[i]
@@ -346,7 +346,7 @@ def _set_discrete(e, active):
 
 @njit(cache=True)
 def _tick(e, clocks, n):
-    """Tick the input clocks that are due at step `n`; return (bit mask of the ticked clocks, 0 or a failure status)."""
+    """Activate the FMU's input clocks due at step `n`; return (bit mask of these clocks, 0 or a failure status)."""
     active = 0
     flag = carray(bytes_at(e.returned + _VALUE_OFFSET), 1)
     for c in range(e.clocks):
@@ -361,7 +361,7 @@ def _tick(e, clocks, n):
 
 @njit(cache=True)
 def _active_output_clocks(e, clocks):
-    """Return (bit mask of the active output clocks, 0 or a failure status)."""
+    """Query the FMU's active output clocks; return (their bit mask, 0 or a failure status)."""
     active = 0
     flag = carray(bytes_at(e.returned + _VALUE_OFFSET), 1)
     for c in range(e.clocks):
@@ -388,7 +388,7 @@ def _read_clocked_outputs(e, active):
 
 @njit(cache=True, error_model="numpy")
 def _plan_clocks(e, clocks, ticked, n, t):
-    """Plan the next ticks of the input clocks, of which `ticked` (bit mask) ticked at `t`, the beginning of step `n`.
+    """Plan the next ticks of an FMU's input clocks at time `t`, the beginning of step `n`, after `ticked` (bit mask).
 
     Returns:
         0 or a failure status.
@@ -422,7 +422,7 @@ def _plan_clocks(e, clocks, ticked, n, t):
 
 @njit(cache=True)
 def handle_events(address, n, t):
-    """Enter event mode at time `t`, handle the event and return to step mode; return 0 or a failure status.
+    """Enter an FMU's event mode at time `t`, handle the event and return to step mode; return 0 or a failure status.
 
     Discrete inputs are taken from their buffers.
 
@@ -450,7 +450,7 @@ def handle_events(address, n, t):
 
 @entry("int", "int", "int", "int", "double")
 def update_discrete_states(address, active, n, t):
-    """Update the discrete states in event mode until no update is needed, with the clocks `active` (bit mask).
+    """Update an FMU's discrete states in event mode until no update is needed, with the clocks `active` (bit mask).
 
     Returns:
         0 or a failure status.
@@ -491,7 +491,7 @@ def update_discrete_states(address, active, n, t):
 
 @njit(cache=True, inline="always")
 def _begin_step(m, t, h, u):
-    """Handle events due at the start of a step and set the inputs; return 0 or a failure status."""
+    """Handle an FMU's events due at the start of a step and set its inputs; return 0 or a failure status."""
     if m.events != 0:
         n = due_step(m.events, t, h) if m.clocks > 0 else -1
         changed, status = fill_discrete_inputs(m.events, u) if m.discrete > 0 else (False, 0)
@@ -510,7 +510,7 @@ def _begin_step(m, t, h, u):
 
 @njit(cache=True, inline="always")
 def _step_to(m, t, h):
-    """Step from `t` to `t` + `h` in as many parts as events require; return 0 or a failure status."""
+    """Step an FMU from `t` to `t` + `h` in as many parts as events require; return 0 or a failure status."""
     close, here, end = 1e-9 * h, t, t + h
     part, halved, stalls = h, 0, 0
     flags, last = carray(bytes_at(m.returned), 16), carray(doubles_at(m.returned), 1)

@@ -49,7 +49,7 @@ KIND_NAMES: dict[Kind, str] = {"co_simulation": "co-simulation", "model_exchange
 
 
 def complete_model(model: Any, file: Path) -> None:
-    """Add attributes of the model description in `file` that FMPy has fields for but does not read."""
+    """Add attributes to FMPy's model description that FMPy has fields for but does not read from the FMU `file`."""
     if model.fmiVersion != "1.0" and not model.fmiVersion.startswith("3."):
         return
     with zipfile.ZipFile(file) as archive:
@@ -74,7 +74,7 @@ def complete_model(model: Any, file: Path) -> None:
 
 
 def _complete_outputs(model: Any, root: Any) -> None:
-    """Add the dependencies that FMI 1.0 declares at each output, in FMPy's form for FMI 2.0."""
+    """Add the output dependencies that an FMI 1.0 description declares, in FMPy's form for FMI 2.0."""
     by_name = {variable.name: variable for variable in model.modelVariables}
     for element in root.iterfind("ModelVariables/ScalarVariable"):
         stated = element.find("DirectDependency")
@@ -86,7 +86,7 @@ def _complete_outputs(model: Any, root: Any) -> None:
 
 
 def feedthrough(description: "FmuDescription") -> tuple[dict[str, frozenset[str]], frozenset[str]]:
-    """Return the direct feedthrough of each output, by ModelStructure (FMI 2.0.4, 2.2.8; FMI 3.0, 2.4.8).
+    """Return the direct feedthrough of each FMU output, by ModelStructure (FMI 2.0.4, 2.2.8; FMI 3.0, 2.4.8).
 
     Returns:
         (output name -> input names, outputs without declared dependencies). The latter are assumed to depend on all
@@ -110,7 +110,7 @@ def _is_true(text: str | None) -> bool:
 
 @dataclass(frozen=True)
 class FmuDescription:
-    """An FMU that has passed all checks that need no binary.
+    """Description of an FMU that has passed all checks that need no binary.
 
     Attributes:
         sha256: digest of the file.
@@ -134,32 +134,32 @@ class FmuDescription:
 
     @property
     def interface(self) -> Any:
-        """FMPy's interface description for the kind in use."""
+        """FMPy's interface description of the FMU for co-simulation or model exchange, the kind in use."""
         return _interface(self.model, self.kind)
 
     @property
     def standard(self) -> str:
-        """FMI version of the FMU, for messages; includes the kind if it is not co-simulation."""
+        """FMI version of the FMU, for messages, with the kind if it is not co-simulation."""
         usual = self.kind == "co_simulation"
         return f"FMI {self.model.fmiVersion}" + ("" if usual else f" {KIND_NAMES[self.kind]}")
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
-        """Kinds that the FMU offers: co-simulation, model exchange."""
+        """Kinds of interface that the FMU offers: co-simulation, model exchange."""
         return _kinds(self.model)
 
     def variables_of(self, causality: str) -> list[Variable]:
-        """Return the numeric variables of a causality, in the FMU's order."""
+        """Return the FMU's numeric variables of a causality, such as "input", in the FMU's order."""
         return [v for v in self.variables.values() if v.causality == causality and v.kind >= 0]
 
     @property
     def parameters(self) -> list[Variable]:
-        """Parameters that an experiment may set, in the FMU's order."""
+        """Parameters of the FMU that an experiment may set, in the FMU's order."""
         causes = ("parameter", STRUCTURAL_PARAMETER)
         return [v for v in self.variables.values() if v.causality in causes and (v.kind >= 0 or v.is_text)]
 
     def settings(self, values: Mapping[str, Value]) -> Sequence[Setting]:
-        """Check and convert values for parameters and inputs, to be set before initialisation.
+        """Check and convert values of FMU parameters and inputs, to be set before initialisation.
 
         Raises:
             InputRefused: an unknown name, a variable that cannot be set, a value out of range or not finite, a wrong
@@ -181,7 +181,7 @@ class FmuDescription:
         return "fmi" if self.version == 1 else f"fmi{self.version}"
 
     def exported_name(self, function: str) -> str:
-        """Return the name in the binary of an FMI function `DoStep`; FMI 1.0 prepends the identifier."""
+        """Return the name that an FMI function such as `DoStep` has in the binary; FMI 1.0 prepends the identifier."""
         return f"{self.identifier}_{self.prefix}{function}" if self.version == 1 else f"{self.prefix}{function}"
 
     @property
@@ -193,7 +193,7 @@ class FmuDescription:
         return abilities.mightReturnEarlyFromDoStep or abilities.canReturnEarlyAfterIntermediateUpdate
 
     def with_sizes(self, values: Mapping[str, Value]) -> "FmuDescription":
-        """Return the FMU with array sizes for the structural parameters among `values`.
+        """Return the FMU description with array sizes for the structural parameters among `values`.
 
         Raises:
             InputRefused: a structural parameter that is not an integer, an empty array, or too many values.
@@ -215,12 +215,12 @@ class FmuDescription:
 
     @property
     def needs_tool(self) -> bool:
-        """Whether the attribute needsExecutionTool is true."""
+        """Whether the FMU needs its authoring tool: the attribute needsExecutionTool is true."""
         return bool(self.interface.needsExecutionTool)
 
     @property
     def tool_note(self) -> str:
-        """Note on an FMU of PythonFMU that needs an execution tool, which is Python; "" for other FMUs."""
+        """Note that an FMU of PythonFMU needs Python as its execution tool; "" for other FMUs."""
         if not (self.needs_tool and (self.model.generationTool or "").startswith(PYTHON_FMU)):
             return ""
         return f"{NEEDS_TOOL}, which is Python; {PYTHON_FMU} builds it without that by --no-external-tool"
@@ -231,7 +231,7 @@ class FmuDescription:
         return bool(getattr(self.interface, "canBeInstantiatedOnlyOncePerProcess", False))
 
     def warnings(self) -> list[str]:
-        """Return the findings of FMPy's validation, only as warnings, as validators disagree with each other."""
+        """Return the findings of FMPy's validation of the FMU, only as warnings, as validators disagree."""
         from fmpy.validation import validate_fmu
 
         own = [self.tool_note] if self.tool_note else []
@@ -243,7 +243,7 @@ _known: dict[tuple[Path, Kind | None], tuple[tuple[int, ...], FmuDescription]] =
 
 
 def described(file: Path, kind: Kind | None = None, lenient: bool = False) -> FmuDescription:
-    """Read and check an FMU; cached in the process while the file is unchanged.
+    """Read and check the description of an FMU; cached in the process while the file is unchanged.
 
     Args:
         kind: kind to use; None for co-simulation if offered, else model exchange.
@@ -317,7 +317,7 @@ def _read_description(file: Path, kind: Kind | None) -> FmuDescription:
 
 
 def build_binary(file: Path) -> CompiledLibrary | None:
-    """Compile the sources of an FMU for this platform; None if it has a binary for it.
+    """Compile the sources of an FMU for this platform, if it lacks a binary for it; None if it has one.
 
     Raises:
         InputRefused: not an FMU, or as `compile_sources`.
@@ -339,7 +339,7 @@ def _kinds(model: Any) -> tuple[Kind, ...]:
 
 
 def _choose_kind(file: Path, model: Any, kind: Kind | None) -> Kind:
-    """Return `kind` if the FMU offers it, or the first kind that it offers if `kind` is None; refuse other kinds."""
+    """Return `kind` if the FMU offers it, or the first that it offers if `kind` is None; refuse other kinds."""
     kinds = _kinds(model)
     if not kinds:
         other = "" if model.fmiVersion == "1.0" else " and model exchange"
@@ -352,7 +352,7 @@ def _choose_kind(file: Path, model: Any, kind: Kind | None) -> Kind:
 
 
 def _binary_entry(major: int, identifier: str) -> str:
-    """Return the path in the archive of the library for this platform."""
+    """Return the path in the FMU's archive of the library for this platform."""
     return f"binaries/{_platform(major)}/{identifier}{sharedLibraryExtension}"
 
 
@@ -374,7 +374,7 @@ def _missing_binary_phrase(
 
 
 def _platform(major: int) -> str:
-    """Return FMI's name of this platform's folder of binaries."""
+    """Return FMI's folder name for binaries of this platform."""
     if major < 3:
         return platform
     system = {"linux": "linux", "darwin": "darwin", "win32": "windows"}.get(sys.platform, sys.platform)
@@ -398,7 +398,7 @@ def _model(file: Path, names: Collection[str]) -> Any:
 
 
 def _read_error(file: Path, problem: Exception) -> str:
-    """Reason why FMPy cannot read a description: the place of an XML error, or a missing reference."""
+    """Return the reason why FMPy cannot read a model description: the place of an XML error, or a missing reference."""
     if type(problem) is Exception:
         # an error message of FMPy itself
         return str(problem)
@@ -439,7 +439,7 @@ def clock_phrase(clock: Any) -> str:
 
 
 def stated_interval(clock: Any) -> tuple[float, float]:
-    """Return the declared (interval, shift) of a clock (s); the interval is NaN if not declared."""
+    """Return the declared (interval, shift) of an FMU's clock (s); the interval is NaN if not declared."""
     resolution = parse_number(clock.resolution)
     if clock.intervalDecimal is not None or math.isnan(resolution):
         return parse_number(clock.intervalDecimal), parse_number(clock.shiftDecimal or "0")

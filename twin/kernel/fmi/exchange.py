@@ -95,7 +95,7 @@ def _step(m, t, h, u, y):
 
 @step_function(SOLVER_MEMORY)
 def react(m, t, h, u, y):
-    """Compute the outputs for other inputs at the present time, which continuous-time mode allows at any time."""
+    """Compute a model-exchange FMU's outputs for other inputs at the present time, without a step."""
     status = set_all(m.version, m.instance, m.input_groups, m.inputs, address_of(u))
     if status == 0:
         # the next step sets its inputs again, and handles a jump as an event
@@ -105,7 +105,7 @@ def react(m, t, h, u, y):
 
 
 class Integrator:
-    """Integrator of a model-exchange instance: compiled memory and solver.
+    """Solver of a model-exchange FMU's equations, with the memory of its compiled step.
 
     Args:
         model: instance in continuous-time mode.
@@ -172,25 +172,25 @@ class Integrator:
         return {name: self.memory[name] for name in ("fresh", "now", "next_event")} | self._rows
 
     def advance(self, t: float, h: float) -> int:
-        """Step from `t` to `t` + `h` (s) with inputs set by the caller; return 0 or a failure status."""
+        """Integrate the equations from `t` to `t` + `h` (s), inputs set by the caller; return 0 or a failure status."""
         self.memory[0]["fresh"] = 1
         nothing = np.zeros(1)
         place = nothing.ctypes.data
         return int(STEP_FUNCTION(step.address)(self.memory.ctypes.data, t, h, place, place))
 
     def explain(self, status: int) -> str:
-        """Describe a failure status of model exchange, as a verb phrase; "" for statuses of other origin."""
+        """Describe a failure status of a model-exchange step as a verb phrase; "" for statuses of other origin."""
         return exchange_error(self.memory[0], status, self._model.invalid_status)
 
     def close(self) -> None:
-        """Free the solver; safe to call twice."""
+        """Free the solver of the FMU's equations; safe to call twice."""
         if self._cvode is not None:
             self._cvode.close()
             self._cvode = None
 
 
 def _allocate_block(sizes: dict[str, int], first: int = 0) -> tuple[np.ndarray, dict[str, int]]:
-    """Allocate named arrays in one block, each followed by a guard, after `first` other numbers.
+    """Allocate named arrays in one memory block, each followed by a guard, after `first` other numbers.
 
     Returns:
         (block, offset of each array).
@@ -251,7 +251,7 @@ class ModelExchange(Instance):
         super().close()
 
     def nominals(self) -> np.ndarray:
-        """Return the nominal values of the continuous states, (states,)."""
+        """Return the nominal values of the FMU's continuous states, (states,)."""
         return self._numbers("NominalsOfContinuousStates", self.states)
 
     def begin(self) -> None:
@@ -296,7 +296,7 @@ class ModelExchange(Instance):
             raise
 
     def _measure(self) -> None:
-        """Query the numbers of states and indicators, and refuse wrong or too large numbers and non-finite values."""
+        """Query the FMU's numbers of states and event indicators; refuse wrong or too large ones, and NaN."""
         model = self.description.model
         self.states, self.indicators = model.numberOfContinuousStates, model.numberOfEventIndicators
         if self.description.version == 3:
@@ -332,7 +332,7 @@ class ModelExchange(Instance):
                 )
 
     def _numbers(self, name: str, count: int) -> np.ndarray:
-        """Call the FMU's function `Get{name}` for (count,) doubles, and check that it writes exactly as many."""
+        """Read `count` doubles by the FMU's function `Get{name}`, and check that it writes exactly as many."""
         if count == 0:
             return np.zeros(0)
         values = np.full(count + GUARD_SIZE, GUARD_VALUE)
@@ -361,7 +361,7 @@ class ModelExchange(Instance):
 
 
 class ExchangeStepping(Stepping):
-    """Compiled step of a model-exchange instance.
+    """Compiled step of a model-exchange FMU instance, which integrates its equations.
 
     Args:
         instance: FMU instance in continuous-time mode.

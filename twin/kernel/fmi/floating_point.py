@@ -13,14 +13,14 @@ _LIBM = ctypes.CDLL("libm.so.6") if sys.platform == "linux" and platform.machine
 
 
 class Mode(NamedTuple):
-    """Control bits of both units; 0 on other platforms."""
+    """Floating-point control bits of the processor's two units (rounding, exceptions); 0 on other platforms."""
 
     x87: int = 0
     sse: int = 0
 
 
 def mode() -> Mode:
-    """Return the mode of the calling thread."""
+    """Return the floating-point mode (rounding, exceptions) of the calling thread."""
     if _LIBM is None:
         return Mode()
     environment = (ctypes.c_uint32 * 8)()
@@ -29,7 +29,7 @@ def mode() -> Mode:
 
 
 def set_mode(wanted: Mode) -> None:
-    """Set the mode of the calling thread; exception flags stay."""
+    """Set the floating-point mode (rounding, exceptions) of the calling thread; exception flags stay."""
     if _LIBM is None:
         return
     environment = (ctypes.c_uint32 * 8)()

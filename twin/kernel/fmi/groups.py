@@ -124,7 +124,7 @@ note_at, groups_at, _ramp_at = pointer_to(NOTE_RECORD), pointer_to(GROUP_RECORD)
 
 @contextmanager
 def announce_call(file: str, instance: str, function: str) -> Iterator[None]:
-    """Call the hooks `HOOKS.fmi_call` before and after a call of `function`."""
+    """Call the hooks `HOOKS.fmi_call` before and after the block, a call of the FMI function `function`."""
     for hook in HOOKS.fmi_call:
         hook(file, instance, function)
     try:
@@ -135,7 +135,7 @@ def announce_call(file: str, instance: str, function: str) -> Iterator[None]:
 
 
 def c_function(*kinds: str, returns: str = "status") -> Any:
-    """Make a compiled function (address, (arguments)) that calls the C function at that address.
+    """Create a function (address, (arguments)) for compiled code that calls the C function at that address.
 
     A status is returned as a 64-bit integer: 0 .. 5 unchanged, any other value as `INVALID_STATUS` plus the unsigned
     status shifted left by `STATUS_WIDTH` bits.
@@ -212,7 +212,7 @@ values_of = c_function("pointer", returns="pointer")
 
 
 def status_phrase(function: str, status: int) -> str:
-    """Return the phrase of a bad status: `fmi2DoStep returned fmi2Error`."""
+    """Describe a bad status of an FMI function: `fmi2DoStep returned fmi2Error`."""
     # FMI 3.0 has no Pending; in FMI 1.0 and 2.0 only doStep may return it
     if status in STATUS_NAMES and (status != PENDING_STATUS or function in ("fmiDoStep", "fmi2DoStep")):
         prefix = function[:4] if function[3:4].isdigit() else "fmi"
@@ -223,7 +223,7 @@ def status_phrase(function: str, status: int) -> str:
 def explain_status(
     status: int, prefix: str, functions: dict[int, str], value: float, clock: str, message: str, other: int = 0
 ) -> str:
-    """Describe a failure `status` of a step, as a verb phrase for an error message.
+    """Describe a failure status of an FMU's step, as a verb phrase for an error message.
 
     Args:
         prefix: prefix of FMI function names.
@@ -257,7 +257,7 @@ def explain_status(
 
 @njit(cache=True, inline="always")
 def store_status(note, status):
-    """Return the lowest `STATUS_WIDTH` bits of `status` and store the rest in the `NOTE_RECORD` at address `note`."""
+    """Return the lowest `STATUS_WIDTH` bits of a status, and note the others for the error message."""
     if status >> STATUS_WIDTH != 0:
         carray(note_at(note), 1)[0].status = status >> STATUS_WIDTH
     return status & (1 << STATUS_WIDTH) - 1
@@ -265,7 +265,7 @@ def store_status(note, status):
 
 @njit(cache=True)
 def _store(kind, buffer, j, value):
-    """Store `value` at index `j` of a buffer of FMI type `kind`, rounded to the nearest integer for integer types.
+    """Store a number in a buffer of FMI type `kind` at index `j`, rounded to the nearest integer for integer types.
 
     Returns:
         False if the value is outside the range of the type.
@@ -310,7 +310,7 @@ def _store(kind, buffer, j, value):
 
 @njit(cache=True)
 def _load(kind, buffer, j):
-    """Return the value at index `j` of a buffer of FMI type `kind` as a double."""
+    """Read the number at index `j` of a buffer of FMI type `kind`, as a double."""
     if kind == 0:
         return carray(_f64(buffer), j + 1)[j]
     if kind == 1:
@@ -334,7 +334,7 @@ def _load(kind, buffer, j):
 
 @njit(cache=True, inline="always")
 def access(version, instance, g):
-    """Set or get the variables of a group by its FMI function; return the status."""
+    """Set or get a group of FMU variables with one call of its FMI function; return the status."""
     if version < 3:
         return access_2(g.access, (instance, g.references, g.variables, g.buffer))
     return access_3(g.access, (instance, g.references, g.variables, g.buffer, g.values))
@@ -342,13 +342,13 @@ def access(version, instance, g):
 
 @njit(cache=True, inline="always")
 def _scaling(g):
-    """Return slots, gains and offsets of the values of a group."""
+    """Return the slots of a group's values, and the gains and offsets of their conversion."""
     return carray(_u64(g.slots), g.values), carray(_f64(g.gain), g.values), carray(_f64(g.offset), g.values)
 
 
 @njit(cache=True, inline="always")
 def fill(g, u):
-    """Convert the inputs at address `u` into the buffer of a group; return 0 or `INPUT_OUT_OF_RANGE`."""
+    """Convert component inputs at address `u` to FMU values in a group's buffer; return 0 or `INPUT_OUT_OF_RANGE`."""
     slots, gain, offset = _scaling(g)
     for j in range(g.values):
         value = (carray(_f64(u), slots[j] + 1)[slots[j]] - offset[j]) / gain[j]
@@ -361,7 +361,7 @@ def fill(g, u):
 
 @njit(cache=True, inline="always")
 def drain(g, y):
-    """Convert the buffer of a group into the outputs at address `y`; return 0 or `INEXACT_OUTPUT`."""
+    """Convert FMU values in a group's buffer to component outputs at address `y`; return 0 or `INEXACT_OUTPUT`."""
     slots, gain, offset = _scaling(g)
     for j in range(g.values):
         if g.kind == 8 or g.kind == 9:
@@ -377,14 +377,14 @@ def drain(g, y):
 
 @njit(cache=True)
 def note_variable(g, status):
-    """Store the slot of the group's first variable in its note and return `status`."""
+    """Note the group's first variable for the error message of a failed call, and return `status`."""
     carray(note_at(g.note), 1)[0].slot = carray(_u64(g.slots), 1)[0]
     return status
 
 
 @njit(cache=True, inline="always")
 def set_all(version, instance, groups, count, u):
-    """Set the inputs of `count` groups from address `u`; return 0 or the first failure status."""
+    """Set the FMU's inputs in `count` groups from address `u`; return 0 or the first failure status."""
     table = carray(groups_at(groups), count)
     for i in range(count):
         status = fill(table[i], u)
@@ -398,7 +398,7 @@ def set_all(version, instance, groups, count, u):
 
 @njit(cache=True, inline="always")
 def get_all(version, instance, groups, count, y):
-    """Get the outputs of `count` groups to address `y`; return 0 or the first failure status."""
+    """Get the FMU's outputs in `count` groups to address `y`; return 0 or the first failure status."""
     table = carray(groups_at(groups), count)
     for i in range(count):
         status = access(version, instance, table[i])
@@ -412,7 +412,7 @@ def get_all(version, instance, groups, count, y):
 
 @njit(cache=True, error_model="numpy")
 def begin_ramp(address, u, t, h):
-    """Compute start values and slopes of interpolated inputs from `u`, for the step from `t` to `t` + `h`."""
+    """Compute start values and slopes of the FMU inputs that are interpolated linearly from `t` to `t` + `h`."""
     r = carray(_ramp_at(address), 1)[0]
     n = r.values
     starts, ends = carray(integers_at(r.starts), n), carray(integers_at(r.ends), n)
@@ -427,7 +427,7 @@ def begin_ramp(address, u, t, h):
 
 @njit(cache=True)
 def set_ramp(address, t):
-    """Set interpolated inputs (and derivatives in FMI 1.0, 2.0) at time `t`; return 0 or the first failure status."""
+    """Set the FMU's interpolated inputs (derivatives too in FMI 1.0, 2.0) at `t`; return 0 or the first bad status."""
     r = carray(_ramp_at(address), 1)[0]
     n = r.values
     if n == 0:
@@ -452,7 +452,7 @@ def set_ramp(address, t):
 
 @njit(cache=True)
 def ramp_status(address):
-    """Return the failure status of input requests within the step; 0 without failures."""
+    """Return the failure status of an FMU's requests for interpolated inputs within a step; 0 without failures."""
     return carray(_ramp_at(address), 1)[0].bad
 
 

@@ -26,7 +26,7 @@ LOGGED_TYPES = {"r": ("Real",), "b": ("Boolean",), "i": ("Integer", "Enumeration
 
 
 def working_directory() -> str:
-    """Return the working directory; "" if it has been deleted."""
+    """Return the process's working directory; "" if it has been deleted."""
     with suppress(OSError):
         return os.getcwd()
     return ""
@@ -99,12 +99,12 @@ class Instance:
         return int(self.fmu.component)
 
     def address(self, function: str) -> int:
-        """Return the address of an FMI function, given without prefix: `DoStep`."""
+        """Return the address of the FMU's FMI function, given without prefix: `DoStep`."""
         function = self.description.exported_name(function)
         return ctypes.cast(getattr(self.fmu.dll, function), c_void_p).value or 0
 
     def takes_ramp(self, variable: Variable) -> bool:
-        """Whether `variable` is an input that both the setup and the FMU allow to interpolate over a step."""
+        """Whether `variable` is an FMU input that the setup and the FMU allow to interpolate over a step."""
         abilities = self.description.model.coSimulation
         if not self.setup.ramped or variable.causality != "input" or variable.variability != "continuous":
             return False
@@ -113,30 +113,30 @@ class Instance:
         return abilities.providesIntermediateUpdate and variable.intermediate and variable.type == "Float64"
 
     def clock_bits(self, variable: Variable) -> int:
-        """Return the clocks that `variable` depends on as a bit mask; 0 for a variable without clocks."""
+        """Return the FMU's clocks that `variable` depends on as a bit mask; 0 for a variable without clocks."""
         return sum(1 << n for n, reference in enumerate(self.clocks["reference"]) if reference in variable.clocks)
 
     def clock_name(self, index: int) -> str:
-        """Return the name of the clock at `index` of `clocks`."""
+        """Return the name of the FMU's clock number `index` in `clocks`."""
         return next((clock.name for clock in clocks(self.description)[index : index + 1]), "?")
 
     @property
     def schedule(self) -> list[np.ndarray]:
-        """Memory that steps change outside the FMU's own state: due times of events and clocks."""
+        """Arrays that steps change outside the FMU's own state: due times of events and clocks."""
         return [self.clocks, self.planned]
 
     @property
     def invalid_status(self) -> int:
-        """Last status outside the FMI standard that a function returned in a step."""
+        """Last status outside the FMI standard that an FMU function returned in a step."""
         return int(self.note["status"].astype(np.int32)[0])
 
     def values(self, variable: Variable) -> list[Any]:
-        """Read the exact values of `variable` in its own unit, an array flattened."""
+        """Read the exact values of an FMU variable in its own unit, an array flattened."""
         with self.calling("Get"), self._variable_errors(variable):
             return list(self.standard.values(self.fmu, variable))
 
     def read_floats(self, variables: Sequence[Variable]) -> np.ndarray:
-        """Read values of `variables` as doubles in the FMU's units, arrays flattened.
+        """Read the values of FMU variables as doubles in the FMU's units, arrays flattened.
 
         Raises:
             ComponentFailed: the FMU does not return them, or an integer exceeds `MAX_EXACT`.
@@ -148,7 +148,7 @@ class Instance:
         return np.array([value for _, value in found], dtype=float)
 
     def write(self, settings: Sequence[Setting]) -> None:
-        """Set variables; the FMU decides whether that is allowed in its present mode.
+        """Set FMU variables to values; the FMU decides whether that is allowed in its present mode.
 
         Raises:
             ComponentFailed: the FMU refuses, or a value is outside the range of its type.
@@ -165,7 +165,7 @@ class Instance:
 
     @contextmanager
     def _variable_errors(self, variable: Variable) -> Iterator[None]:
-        """Convert every exception of the block to a `ComponentFailed` that names `variable`."""
+        """Convert every exception of the block to a `ComponentFailed` error that names the FMU's `variable`."""
         try:
             yield
         except UnfitValue as problem:
@@ -176,11 +176,11 @@ class Instance:
             raise ComponentFailed(f"{self.label} {text}{self._quoted_messages()}") from None
 
     def advance(self, t: float, h: float) -> None:
-        """Step from `t` to `t` + `h` (s); a saved state may be restored afterwards."""
+        """Advance the FMU from `t` to `t` + `h` (s); a saved state may be restored afterwards."""
         raise NotImplementedError
 
     def begin(self) -> None:
-        """Take an instance that was created `waiting` from initialisation mode to step mode."""
+        """Take an FMU instance that was created `waiting` from initialisation mode to step mode."""
         self._enter_mode(self.standard.leave)
 
     def reset(self) -> None:
@@ -197,11 +197,11 @@ class Instance:
         self._call("SetFMUstate", lambda: self.fmu.setFMUState(state))
 
     def serialize_state(self, state: Any) -> bytes:
-        """Serialise a saved FMU state to bytes."""
+        """Serialise a saved FMU state to bytes, for storage or another process."""
         return self._call("SerializeFMUstate", lambda: self.fmu.serializeFMUState(state))
 
     def deserialize_state(self, content: bytes) -> Any:
-        """Create a state from the result of `serialize_state`, possibly of another process."""
+        """Create an FMU state from serialised bytes, possibly of another process."""
         return self._call("DeSerializeFMUstate", lambda: self.fmu.deserializeFMUState(content))
 
     def free_state(self, state: int) -> None:
@@ -209,15 +209,15 @@ class Instance:
         self._call("FreeFMUstate", lambda: self.fmu.freeFMUState(c_void_p(state)))
 
     def message_state(self) -> list[Any]:
-        """Return the record of messages: [recent messages, pending messages]."""
+        """Return the record of the FMU's messages: [recent messages, pending messages]."""
         return [self.messages, self._pending_messages]
 
     def restore_messages(self, state: Any) -> None:
-        """Restore the record of messages from a result of `message_state`."""
+        """Restore the record of the FMU's messages from a result of `message_state`."""
         self.messages, self._pending_messages = list(state[0]), [(int(tick), str(text)) for tick, text in state[1]]
 
     def pop_messages(self) -> list[tuple[int, str]]:
-        """Return and clear the pending messages (tick, text), at most `MAX_PENDING_MESSAGES`."""
+        """Return and clear the FMU's pending messages (tick, text), at most `MAX_PENDING_MESSAGES`."""
         # steps are not announced individually, so the working directory is checked here
         self.return_to(self._here)
         self.restore_mode(self._mode)
@@ -232,7 +232,7 @@ class Instance:
 
     @contextmanager
     def calling(self, function: str) -> Iterator[None]:
-        """Announce a call of an FMI function to the hooks; restore the folder and the floating-point mode."""
+        """Announce a call of an FMI function to the hooks; afterwards restore the folder and floating-point mode."""
         here, mode = working_directory(), floating_point.mode()
         try:
             with groups.announce_call(self.description.path.name, self.name, f"{self.description.prefix}{function}"):
@@ -327,7 +327,7 @@ class Instance:
         return f" (it said: {'; '.join(self.messages)})" if self.messages else ""
 
     def on_message(self, status: int, message: bytes | None) -> None:
-        """Store and report a message that the FMU logged with a status of warning or worse."""
+        """Store and report a log message of the FMU with a status of warning or worse."""
         if status > 0 and message:
             text = REFERENCE_PATTERN.sub(self._variable_name, message.decode(errors="replace")).strip()
             # a repeated message is reported once
@@ -343,7 +343,7 @@ class Instance:
             self._pending_messages.append((int(self.clock[0]), text))
 
     def _variable_name(self, reference: re.Match[str]) -> str:
-        """Replace a reference `#r12#` in a log message (FMI 2.0.4, 2.1.5) by the variable's name, if known."""
+        """Return the variable name for a reference `#r12#` in an FMU's log message (FMI 2.0.4, 2.1.5), if known."""
         if reference[0] == "##":
             return "#"
         types = LOGGED_TYPES[reference["type"]]
@@ -358,9 +358,9 @@ class Instance:
 
 
 class UnfitValue(ValueError):
-    """A value outside the range of a variable's type."""
+    """Error that a value is outside the range of an FMU variable's type."""
 
 
 def inexact_phrase(name: str, type_name: str, value: int) -> str:
-    """Return the verb phrase for an integer output that a double cannot represent exactly."""
+    """Describe an FMU's integer output that a double cannot represent exactly, as a verb phrase."""
     return f"returned {value} for {name} ({type_name}), beyond the integers that signals represent exactly (2^53)"

@@ -67,7 +67,7 @@ _instances_2: weakref.WeakValueDictionary[int, Instance] = weakref.WeakValueDict
 
 
 class _LazyFunctions(dict[str, Any]):
-    """Functions of `slave` by name, looked up on first use: a run calls a third of them."""
+    """FMI functions of an FMU instance by name, looked up on first use: a run calls a third of them."""
 
     def __init__(self, slave: "_SignatureCache"):
         super().__init__()
@@ -80,7 +80,7 @@ class _LazyFunctions(dict[str, Any]):
 
 
 class _LenientLibrary:
-    """A library whose missing functions are replaced by functions that return an error.
+    """An FMU's library with functions that return an error in place of missing ones.
 
     Args:
         library: ctypes library.
@@ -103,11 +103,11 @@ class _LenientLibrary:
 
 
 class CallFailure(Exception):
-    """A status worse than a warning from an FMU function."""
+    """Error that an FMU function returned a status worse than a warning."""
 
 
 class _SignatureCache:
-    """Mixin that reuses the function signatures that FMPy determined for the first binary of this process.
+    """Mixin for FMPy's classes that reuses the function signatures determined for the first binary of this process.
 
     FMPy derives them from its own methods with `inspect`, which takes some milliseconds per instance. The binary itself
     is loaded and released for each instance, so that its static memory does not persist from one run to the next.
@@ -144,13 +144,13 @@ class _SignatureCache:
         return status
 
     def _function(self, name: str) -> Any:
-        """Return the library function for FMPy's `name`, with its signature."""
+        """Return the FMU library's function for FMPy's `name`, with its signature."""
         function = getattr(self.dll, self._exported_name(name))
         function.argnames, function.argtypes, function.restype = type(self)._signatures[name]
         return function
 
     def _exported_name(self, name: str) -> str:
-        """Return the name in the binary of FMPy's function `name`."""
+        """Return the name in the FMU's binary of FMPy's function `name`."""
         return name
 
     def _signature(self, name: str, function: Any) -> tuple[Any, ...]:
@@ -193,7 +193,7 @@ class FMU3Exchange(_SignatureCache, FMU3Model):
 
 @fmi1.fmi1CallbackLoggerTYPE
 def _on_message_1(component: int | None, instance: bytes, status: int, category: bytes, message: bytes) -> None:
-    """Forward a message of an FMI 1.0 FMU to its instance; see `_on_message_2`."""
+    """Forward a log message of an FMI 1.0 FMU to its instance; see `_on_message_2`."""
     # the instance being created first: its address may have belonged to a freed one
     owner = _instances_1.get(0) or _instances_1.get(component or 0)
     if owner is not None:
@@ -202,7 +202,7 @@ def _on_message_1(component: int | None, instance: bytes, status: int, category:
 
 @fmi2.fmi2CallbackLoggerTYPE
 def _on_message_2(environment: int | None, instance: bytes, status: int, category: bytes, message: bytes) -> None:
-    """Forward a message of an FMI 2.0 FMU to its instance.
+    """Forward a log message of an FMI 2.0 FMU to its instance.
 
     FMPy's proxy calls the logger it was given last, for all FMUs: the logger has to serve all instances and outlive
     them.
@@ -213,7 +213,7 @@ def _on_message_2(environment: int | None, instance: bytes, status: int, categor
 
 
 class Fmi2:
-    """Life cycle of an FMI 2.0 FMU.
+    """Life cycle of an FMI 2.0 FMU: calls that instantiate, initialise and free it.
 
     Args:
         slave: FMPy's class of instances.
@@ -223,7 +223,7 @@ class Fmi2:
         self.slave = slave
 
     def load_binary(self, instance: Instance) -> Any:
-        """Load the binary; return FMPy's instance. Missing functions are recorded in lenient mode."""
+        """Load the FMU's binary; return FMPy's instance. Missing functions are recorded in lenient mode."""
         description = instance.description
         if instance.setup.lenient:
             _forgiven.append(instance.missing)
@@ -247,7 +247,7 @@ class Fmi2:
             instance.fmu.instantiate(callbacks=callbacks, loggingOn=False)
 
     def refusal_reason(self, instance: Instance) -> str:
-        """Return a possible reason for a NULL instance."""
+        """Return a possible reason why the FMU refused to be instantiated."""
         guid = instance.description.model.guid
         return f"the GUID {guid} in modelDescription.xml may not be the binary's own: export it again"
 
@@ -257,7 +257,7 @@ class Fmi2:
         self.leave(instance)
 
     def enter(self, instance: Instance) -> None:
-        """Set the start values and enter initialisation mode."""
+        """Set the FMU's start values and enter initialisation mode."""
         instance.write(instance.settings)
         with instance.calling("SetupExperiment"):
             instance.fmu.setupExperiment(
@@ -268,16 +268,16 @@ class Fmi2:
         instance.write(instance.inputs)
 
     def leave(self, instance: Instance) -> None:
-        """Leave initialisation mode and enter step mode."""
+        """Leave the FMU's initialisation mode and enter step mode."""
         with instance.calling("ExitInitializationMode"):
             instance.fmu.exitInitializationMode()
 
     def type_name(self, variable: Variable) -> str:
-        """Return the type in the names of the functions that set and get this variable."""
+        """Return the type in the names of the FMI functions that set and get a variable, such as "Real"."""
         return "Integer" if variable.type == "Enumeration" else variable.type
 
     def values(self, fmu: Any, variable: Variable) -> Any:
-        """Read the values of a variable in its own unit, an array flattened."""
+        """Read the values of an FMU variable in its own unit, an array flattened."""
         return getattr(fmu, f"get{self.type_name(variable)}")([variable.reference])
 
     def free(self, instance: Instance) -> None:
@@ -287,7 +287,7 @@ class Fmi2:
 
     @staticmethod
     def _callbacks(standard: Any, kind: str, logger: Any) -> Any:
-        """Make FMPy's callback structure of this `kind` with memory functions and `logger`."""
+        """Make FMPy's callback structure for an FMU instance, with memory functions and `logger`."""
         from fmpy.logging import addLoggerProxy
 
         callbacks = getattr(standard, kind)()
@@ -367,7 +367,7 @@ class Fmi3(Fmi2):
         return super().refusal_reason(instance)
 
     def enter(self, instance: Instance) -> None:
-        """Set structural parameters in configuration mode, then start values, and enter initialisation mode."""
+        """Set the FMU's structural parameters in configuration mode and start values; enter initialisation mode."""
         fmu = instance.fmu
         structure = [setting for setting in instance.settings if setting[0].causality == STRUCTURAL_PARAMETER]
         if structure:
@@ -385,7 +385,7 @@ class Fmi3(Fmi2):
         instance.write([setting for setting in instance.inputs if not setting[0].clocks])
 
     def leave(self, instance: Instance) -> None:
-        """Leave initialisation mode and enter step mode, through event mode if the FMU has it."""
+        """Leave the FMU's initialisation mode and enter step mode, through event mode if the FMU has it."""
         events = getattr(instance.description.interface, "hasEventMode", False)
         if events:
             with instance.calling("GetIntervalDecimal"):
@@ -403,7 +403,7 @@ class Fmi3(Fmi2):
 
 
 def _leave_event_mode(instance: Instance) -> None:
-    """Handle the initial event and enter step mode; stores the data that steps need for events."""
+    """Handle the FMU's initial event and enter step mode; stores the data that steps need for events."""
     instance.planned = np.array([np.inf])
     instance.returned = np.zeros(MAX_RETURNED_SIZE, dtype=np.uint8)
     instance.events = np.zeros(1, dtype=EVENTS_RECORD)
@@ -428,7 +428,7 @@ def _leave_event_mode(instance: Instance) -> None:
 
 
 def clock_table(instance: Instance) -> np.ndarray:
-    """Make the clock table of an instance in initialisation mode, (clocks,) of `cosim_step.CLOCK_RECORD`.
+    """Make the table of an FMU instance's clocks in initialisation mode, (clocks,) of `cosim_step.CLOCK_RECORD`.
 
     Raises:
         InputRefused: a clock does not tick in whole steps.
@@ -461,14 +461,14 @@ def clock_table(instance: Instance) -> np.ndarray:
 
 
 def _query_interval(instance: Instance, clock: Any) -> tuple[float, bool]:
-    """Query the interval of a clock from the FMU; return (interval (s), whether it is known)."""
+    """Query the interval of an FMU's clock; return (interval (s), whether it is known)."""
     interval, qualifier = (c_double * 1)(math.nan), (c_int * 1)(NOT_YET_KNOWN)
     instance.fmu.getIntervalDecimal((c_uint * 1)(clock.valueReference), interval, qualifier)
     return interval[0], qualifier[0] != NOT_YET_KNOWN
 
 
 def _whole_steps(instance: Instance, clock: Any, interval: float, least: int) -> int:
-    """Convert `interval` (s) to a whole number of steps, at least `least`."""
+    """Convert a clock's interval (s) to a whole number of steps, at least `least`; refuse other intervals."""
     step = instance.setup.step or math.nan
     count = interval / step
     # a tolerance of a thousandth would accumulate to a whole step within a second
@@ -481,7 +481,7 @@ def _whole_steps(instance: Instance, clock: Any, interval: float, least: int) ->
 
 
 class CosimInstance(Instance):
-    """An FMU instance for co-simulation; arguments, errors and attributes as of `Instance`."""
+    """An FMU instance for co-simulation, initialised and ready to step; errors and attributes as of `Instance`."""
 
     _standards: ClassVar[Mapping[int, Any]] = {1: Fmi1(), 2: Fmi2(), 3: Fmi3()}
     _stepping: Stepping | None = None

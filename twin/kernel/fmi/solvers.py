@@ -159,7 +159,7 @@ _C_POINTER, _C_DOUBLE, _C_INT, _C_INT64 = ctypes.c_void_p, ctypes.c_double, ctyp
 
 
 def exchange_error(m: Any, status: int, other: int) -> str:
-    """Return the verb phrase for failure `status` of a step with memory `m`; "" if it is not of model exchange alone.
+    """Describe a failed step of a model-exchange FMU as a verb phrase; "" if the status is not of model exchange alone.
 
     Args:
         other: status returned if it is outside the standard.
@@ -189,7 +189,7 @@ def exchange_error(m: Any, status: int, other: int) -> str:
 
 @njit(cache=True)
 def set_time_and_states(m, t, x):
-    """Set time `t` and the states at address `x` in the FMU; return 0 or a failure status."""
+    """Set time `t` and the continuous states at address `x` in the FMU; return 0 or a failure status."""
     status = call_time(m.set_time, (m.instance, t))
     if status > 1:
         return SET_TIME_FAILED + status
@@ -202,7 +202,7 @@ def set_time_and_states(m, t, x):
 
 @njit(cache=True)
 def derivatives(m, t, x, dx):
-    """Compute the state derivatives at time `t` and the states at address `x`; return 0 or a failure status.
+    """Compute the FMU's state derivatives at time `t` and the states at address `x`; return 0 or a failure status.
 
     Args:
         dx: address of the result, with a guard after it, see `GUARD_SIZE`.
@@ -225,7 +225,7 @@ def derivatives(m, t, x, dx):
 
 @njit(cache=True)
 def indicators(m, z):
-    """Compute the event indicators at the present time and states; return 0 or a failure status.
+    """Compute the FMU's event indicators at the present time and states; return 0 or a failure status.
 
     Args:
         z: address of the result, with a guard after it, see `GUARD_SIZE`.
@@ -243,13 +243,13 @@ def indicators(m, z):
 
 @njit(cache=True)
 def time_tolerance(t):
-    """Return the difference up to which times count as equal (s), near the resolution of a double."""
+    """Return the tolerance within which two times count as equal (s), near the resolution of a double."""
     return 1e-15 + 1e-13 * abs(t)
 
 
 @njit(cache=True)
 def handle_event(m, u, jumped):
-    """Enter event mode at the present time and states, handle the event, and leave it; return 0 or a failure status.
+    """Handle an event of a model-exchange FMU at the present time, in event mode; return 0 or a failure status.
 
     Args:
         m: record of `SOLVER_MEMORY`.
@@ -281,13 +281,13 @@ def handle_event(m, u, jumped):
 
 @njit(cache=True)
 def _flag(m, n):
-    """Return flag number `n` of the last update."""
+    """Return flag number `n` of the FMU's last update of discrete states, such as a request for another update."""
     return carray(_words_at(m.info), 5)[n] != 0 if m.version == 2 else carray(_bytes_at(m.info), 5)[n] != 0
 
 
 @njit(cache=True)
 def _update_discrete_states(m):
-    """Update the discrete states until no update is needed; return 0 or a failure status."""
+    """Update the FMU's discrete states until no update is needed; return 0 or a failure status."""
     nominals_changed = False
     for _ in range(MAX_UPDATES):
         if m.version == 2:
@@ -314,7 +314,7 @@ def _update_discrete_states(m):
 
 @njit(cache=True)
 def _update_state_sizes(m, nominals_changed):
-    """Check the number of states, and update tolerances if their nominals changed; return 0 or a failure status."""
+    """Check the FMU's number of states, and update tolerances if its nominals changed; return 0 or a failure status."""
     if m.version == 3:
         count = carray(_counts_at(m.info), 1)
         status = call_pointer(m.number_of_states, (m.instance, m.info))
@@ -334,7 +334,7 @@ def _update_state_sizes(m, nominals_changed):
 
 @njit(cache=True)
 def scale_tolerances(nominals, tolerance):
-    """Replace nominal values by absolute tolerances in place; values that are not positive and finite count as 1."""
+    """Convert nominal values to absolute tolerances in place; values that are not positive and finite count as 1."""
     for i in range(len(nominals)):
         given = nominals[i] if nominals[i] > 0.0 and np.isfinite(nominals[i]) else 1.0
         nominals[i] = tolerance * given
@@ -342,7 +342,7 @@ def scale_tolerances(nominals, tolerance):
 
 @njit(cache=True)
 def complete_step(m):
-    """Notify the FMU of a completed solver step; return (whether it requests an event, 0 or a failure status)."""
+    """Notify the FMU of a completed integrator step; return (whether it requests an event, 0 or a failure status)."""
     if m.needs_completed == 0:
         return False, 0
     if m.version == 2:
@@ -356,7 +356,7 @@ def complete_step(m):
 
 
 class Solver(NamedTuple):
-    """Integration method for the equations of an FMU.
+    """Choice of the integration method for the equations of a model-exchange FMU.
 
     Attributes:
         method: "cvode" with error control, for all equations; "rk4" with a constant step.
@@ -369,7 +369,7 @@ class Solver(NamedTuple):
 
 @njit(cache=True)
 def _move_states(m, k, h):
-    """Set `m.x` to the states at the start of the step plus `h` times the rates at address `k`."""
+    """Set the states `m.x` to those at the start of the step plus `h` times the rates at address `k`."""
     x, began = carray(doubles_at(m.x), m.states), carray(doubles_at(m.began), m.states)
     rates = carray(doubles_at(k), m.states)
     for i in range(m.states):
@@ -378,7 +378,7 @@ def _move_states(m, k, h):
 
 @njit(cache=True)
 def _rk4_step(m, t, h):
-    """Make a Runge-Kutta step from `t`, states `m.began` and rates `m.k_1` to `m.x`; return 0 or a failure status."""
+    """Make one Runge-Kutta step from `t`, states `m.began` and rates `m.k_1` to `m.x`; return 0 or a failure status."""
     _move_states(m, m.k_1, 0.5 * h)
     status = derivatives(m, t + 0.5 * h, m.x, m.k_2)
     if status != 0:
@@ -401,7 +401,7 @@ def _rk4_step(m, t, h):
 
 @njit(cache=True)
 def _detect_crossing(m):
-    """Return (whether an indicator has changed its sign since `m.z_before`, 0 or a failure status)."""
+    """Detect a sign change of an event indicator since `m.z_before`; return (whether found, 0 or a failure status)."""
     status = indicators(m, m.z)
     z, before = carray(doubles_at(m.z), m.indicators), carray(doubles_at(m.z_before), m.indicators)
     for i in range(m.indicators):
@@ -412,7 +412,7 @@ def _detect_crossing(m):
 
 @njit(cache=True)
 def _locate_crossing(m, t, h):
-    """Locate a change of sign in a step by bisection; return (time after `t` (s), 0 or a failure status)."""
+    """Locate an indicator's sign change in a step by bisection; return (time after `t` (s), 0 or a failure status)."""
     low, high = 0.0, h
     for _ in range(MAX_BISECTIONS):
         if high - low <= time_tolerance(t):
@@ -433,7 +433,7 @@ def _locate_crossing(m, t, h):
 
 @njit(cache=True)
 def integrate_rk4(m, stop):
-    """Integrate by Runge-Kutta up to `stop` or the first event; return (event found, 0 or a failure status)."""
+    """Integrate the equations by Runge-Kutta up to `stop` or an event; return (event found, 0 or a failure status)."""
     span, start = stop - m.now, m.now
     steps = max(1, int(np.ceil(span / m.longest - 1e-9))) if m.longest > 0.0 else 1
     for n in range(steps):
@@ -488,7 +488,7 @@ right_hand_side, roots = Native("int32", _call, _right_hand_side), Native("int32
 
 @njit(cache=True)
 def integrate_cvode(m, stop):
-    """Integrate by CVODE up to `stop` or the first event; return (event found, 0 or a failure status)."""
+    """Integrate the equations by CVODE up to `stop` or an event; return (event found, 0 or a failure status)."""
     m.trouble = 0
     if m.restart != 0:
         start_at(m.cv_restart, (m.cvode, m.now, m.vector))
@@ -571,7 +571,7 @@ class Cvode:
         self._parts: tuple[Any, ...] = (memory, linear, matrix, (vector, weights), context)
 
     def close(self) -> None:
-        """Free the solver; safe to call twice."""
+        """Free the CVODE solver; safe to call twice."""
         if not self._parts:
             return
         from fmpy.sundials.libraries import sundials_core as core
@@ -588,5 +588,5 @@ class Cvode:
 
 
 def _function(library: ctypes.CDLL, name: str, returns: Any, *kinds: Any) -> Any:
-    """Return a function of `library` with the given result and argument types."""
+    """Return a C function of `library` with the given result and argument types."""
     return ctypes.CFUNCTYPE(returns, *kinds)((name, library))

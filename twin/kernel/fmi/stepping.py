@@ -16,7 +16,7 @@ from twin.kernel.fmi.variable import ITEM_SIZES, Variable
 
 @dataclass(frozen=True)
 class FmuPort:
-    """A port and its FMU variable: port value (SI) = gain * FMU value + offset."""
+    """A component's port and the FMU variable behind it: port value (SI) = gain * FMU value + offset."""
 
     port: Port
     variable: Variable
@@ -24,18 +24,18 @@ class FmuPort:
     offset: float = 0.0
 
     def to_fmu(self, value: float | np.ndarray) -> float | np.ndarray:
-        """Convert a port value (SI) to the FMU's unit."""
+        """Convert a value of the port (SI) to the unit of the FMU variable."""
         return (value - self.offset) / self.gain
 
     def for_instant(self, instant: Literal["start", "end"]) -> "FmuPort":
-        """Return the port for the value at the start or the end of a step."""
+        """Return a copy of the input port for the value at the start or the end of a step."""
         name = self.port.name + groups.END_SUFFIX * (instant == "end")
         return replace(self, port=replace(self.port, name=name, instant=instant))
 
 
 @dataclass(frozen=True)
 class PortSlots:
-    """A port and the positions of its values in the inputs or outputs of its component.
+    """A port and the positions of its values among all inputs or outputs of its component.
 
     Attributes:
         port: port with its variable.
@@ -49,20 +49,20 @@ class PortSlots:
 
 
 def port_slots(ports: Sequence[FmuPort], shift: np.ndarray | None = None) -> list[PortSlots]:
-    """Assign consecutive slots to `ports`; `shift` has an offset per value, None for zeros."""
+    """Assign consecutive positions (slots) to the values of `ports`; `shift` has an offset per value, None for 0."""
     ends = np.cumsum([0, *(p.port.size for p in ports)])
     shifts = np.zeros(ends[-1]) if shift is None else shift
     return [PortSlots(p, np.arange(a, b), shifts[a:b]) for p, a, b in zip(ports, ends, ends[1:], strict=False)]
 
 
 def with_end_ports(instance: Instance, inputs: Sequence[FmuPort]) -> list[FmuPort]:
-    """Append a port for the value at the end of the step for each input that is interpolated over a step."""
+    """Append to the inputs a port for the value at the end of the step, for each one interpolated over a step."""
     ramped = [p for p in inputs if instance.takes_ramp(p.variable)]
     return [*(p.for_instant("start") if p in ramped else p for p in inputs), *(p.for_instant("end") for p in ramped)]
 
 
 class Stepping:
-    """Compiled step of a co-simulation instance, with its memory.
+    """Compiled step of a co-simulation FMU instance, with its memory.
 
     Args:
         instance: FMU instance in step mode.
@@ -117,11 +117,11 @@ class Stepping:
 
     @property
     def state_name(self) -> str:
-        """Name of the state in FMI functions: FMUstate in FMI 2.0, FMUState in FMI 3.0."""
+        """Name of the saved state in FMI functions: FMUstate in FMI 2.0, FMUState in FMI 3.0."""
         return "FMUstate" if self.instance.description.version == 2 else "FMUState"
 
     def explain(self, status: int) -> str:
-        """Describe a failure `status` of a step, as a verb phrase for an error message."""
+        """Describe a failure status of an FMU's step, as a verb phrase for an error message."""
         instance, note = self.instance, self.instance.note[0]
         message = f" ('{instance.messages[-1]}')" if instance.messages else ""
         if status == groups.INPUT_OUT_OF_RANGE:
@@ -166,7 +166,7 @@ class Stepping:
 
     @staticmethod
     def _port_at(ports: Sequence[PortSlots], slot: int) -> tuple[FmuPort, str]:
-        """Return the port of the value at `slot`, and the value's name."""
+        """Return the port of the component value at `slot`, and the value's name."""
         one = next(one for one in ports if slot in one.slots)
         name = one.port.variable.name
         return one.port, name if len(one.slots) == 1 else f"{name}[{slot - one.slots[0]}]"
@@ -178,7 +178,7 @@ class Stepping:
         return float(s["since"]) if s["discarded"] else None
 
     def make_rewind(self) -> tuple[int, int, np.ndarray]:
-        """Allow steps to be repeated; return (address of save, address of restore, their memory)."""
+        """Make functions to repeat steps of the FMU; return (address of save, address of restore, their memory)."""
         self.allow_repeats()
         memory = np.zeros(1, dtype=cosim_step.STATE_MEMORY)
         m = memory[0]
@@ -193,13 +193,13 @@ class Stepping:
         return cosim_step.save.address, cosim_step.restore.address, memory
 
     def allow_repeats(self) -> None:
-        """Announce to the FMU that a state may be restored; not in FMI 1.0, whose flag has another meaning."""
+        """Announce to the FMU that steps may be repeated from a saved state (not in FMI 1.0, whose flag differs)."""
         if self.instance.description.version > 1:
             self.memory["final"] = 0
 
     @property
     def changing_arrays(self) -> list[np.ndarray]:
-        """Memory that steps change outside the FMU's own state."""
+        """Arrays that steps change outside the FMU's own state."""
         return [*self._moving, *self.instance.schedule]
 
     def pieces(self) -> dict[str, np.ndarray]:
@@ -208,7 +208,7 @@ class Stepping:
         return {f"memory_{number}": array for number, array in enumerate(self.changing_arrays, start=1)} | shorter
 
     def _group_table(self, ports: Iterable[PortSlots], access: str) -> np.ndarray:
-        """Make a table of `groups.GROUP_RECORD`; ports of one FMI type and set of clocks form a group with one call.
+        """Make the table of groups of FMU variables; a group has one FMI type, one set of clocks and one call.
 
         Args:
             access: "Set" or "Get".
@@ -266,7 +266,7 @@ class Stepping:
         r["values"] = len(slots)
 
     def _is_plain(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort], shift: np.ndarray | None) -> bool:
-        """Whether values need no conversion: all are Real and unscaled, and at most one output is shifted."""
+        """Whether no value of the FMU needs conversion: all Real and unscaled, and at most one output shifted."""
         ports = (*inputs, *outputs)
         alike = all(p.variable.type == "Real" and p.gain == 1.0 and p.offset == 0.0 for p in ports)
         return alike and bool(inputs) and bool(outputs) and (shift is None or int(np.count_nonzero(shift)) <= 1)
@@ -310,7 +310,7 @@ class Stepping:
         return cosim_step.event_step.address, memory
 
     def _fill(self, m: Any, inputs: np.ndarray, outputs: np.ndarray) -> None:
-        """Fill in the fields that the general step and the step with events share."""
+        """Fill in the fields of the step's memory that the general step and the step with events share."""
         returned = np.zeros(16, dtype=np.uint8)
         self._keep.append(returned)
         ramp = self.instance.ramp[0]

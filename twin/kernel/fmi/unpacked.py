@@ -70,7 +70,7 @@ Stamp = list[int]
 
 
 class CompiledLibrary(NamedTuple):
-    """A library compiled on this machine.
+    """An FMU's library compiled on this machine.
 
     Attributes:
         compiler: compiler with its version.
@@ -115,7 +115,7 @@ def source_sets(model: Any, identifier: str) -> list[Any]:
 
 
 def has_sources(names: Collection[str], sets: Sequence[Any]) -> bool:
-    """Whether there are source sets, and an archive with entries `names` contains all their files."""
+    """Whether an FMU has source sets, and its archive contains all their files."""
     return bool(sets) and all(
         posixpath.normpath(f"sources/{source}") in names for one in sets for source in one.sourceFiles
     )
@@ -226,7 +226,7 @@ def _build_library(file: Path, sets: Sequence[Any], scratch: Path, binary: str) 
 
 
 def _macro_option(file: Path, name: str | None, value: str | None) -> str:
-    """Return the compiler option that defines a macro."""
+    """Return the compiler option that defines a preprocessor macro."""
     if not MACRO_PATTERN.fullmatch(name or "") or not (value or "").isprintable():
         text = f"{name}={value}" if value else name
         raise InputRefused(
@@ -237,7 +237,7 @@ def _macro_option(file: Path, name: str | None, value: str | None) -> str:
 
 
 def _source_path(file: Path, scratch: Path, name: str | None) -> Path:
-    """Return the path of a source or folder that the FMU names, which has to be inside its sources."""
+    """Return the path of a source file or folder that the FMU names, which has to be inside its sources."""
     home = (scratch / "sources").resolve()
     path = (home / (name or "?")).resolve()
     if not path.is_relative_to(home) or not path.exists():
@@ -246,7 +246,7 @@ def _source_path(file: Path, scratch: Path, name: str | None) -> Path:
 
 
 def compiler_command(wanted: Path, plus: bool = False) -> list[str]:
-    """Return the command of the platform's compiler, else of ziglang's.
+    """Return the command of the platform's C or C++ compiler, else of ziglang's.
 
     Args:
         wanted: file to be built, for the error message.
@@ -263,7 +263,7 @@ def compiler_command(wanted: Path, plus: bool = False) -> list[str]:
 
 
 def zig_command() -> list[str]:
-    """Return the command that runs the compiler of the package ziglang."""
+    """Return the command that runs the C compiler of the package ziglang."""
     # -P: do not import modules from the folder in which it runs
     return [sys.executable, "-P", "-m", ZIG_PACKAGE]
 
@@ -277,7 +277,7 @@ def fmi_headers() -> Path:
 
 
 def call_compiler(command: Sequence[str], refused: str, late: str, folder: Path, end: float | None = None) -> str:
-    """Run a compiler with limits of time, memory and file size; all its processes are killed afterwards.
+    """Run a compiler with limits of time, memory and file size; kill all its processes afterwards.
 
     Args:
         command: compiler and arguments.
@@ -352,7 +352,7 @@ def cache_info() -> CacheInfo:
 
 
 def sealed_stamps(folder: Path) -> dict[str, Stamp]:
-    """Return the stamps of the files in `folder` at the last verification; empty if the record is damaged."""
+    """Return the stamps (size, times, inode) of a cache folder's files at the last verification; empty if damaged."""
     try:
         known = json.loads((folder / SEAL_FILE).read_bytes())
     except (OSError, ValueError, RecursionError):
@@ -361,7 +361,7 @@ def sealed_stamps(folder: Path) -> dict[str, Stamp]:
 
 
 def stamp_of(path: str) -> Stamp | None:
-    """Return size, times and inode of the file at `path`; None if missing.
+    """Return the stamp of the file at `path`, its size, times and inode, to detect changes; None if missing.
 
     Any write changes them, as ctime cannot be set back.
     """
@@ -411,7 +411,7 @@ def unpacked(file: Path, digest: str) -> Path:
 
 
 def _unpack_archive(file: Path, digest: str, folder: Path) -> None:
-    """Unpack `file` to `folder`, unless another process does so first."""
+    """Unpack the FMU archive `file` to `folder`, unless another process does so first."""
     if folder.exists() and not folder.is_dir():
         remove(folder)
     scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name[:12]}-", dir=folder.parent))
@@ -427,7 +427,7 @@ def _unpack_archive(file: Path, digest: str, folder: Path) -> None:
 
 
 def _repair_folder(file: Path, digest: str, folder: Path) -> list[str]:
-    """Replace files in `folder` that differ from the archive `file`; return their names."""
+    """Replace files in an FMU's cache folder that differ from the archive `file`; return their names."""
     content, sealed = folder / CONTENT_FOLDER, sealed_stamps(folder)
     wrong = []
     entries = _entries(file, digest)
@@ -461,7 +461,7 @@ def _entries(file: Path, digest: str) -> dict[str, zipfile.ZipInfo]:
 
 
 def _is_same(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> bool:
-    """Whether the file at `path` equals the `entry` of `archive`."""
+    """Whether the file at `path` has the same content as the `entry` of `archive`."""
     try:
         with archive.open(entry) as wanted, path.open("rb") as there:
             while chunk := wanted.read(_CHUNK_SIZE):
@@ -473,7 +473,7 @@ def _is_same(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> bo
 
 
 def _extract_entry(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, content: Path) -> None:
-    """Extract an archive entry to `content` by atomic replacement; processes keep a loaded old file."""
+    """Extract an archive entry to `content` by atomic replacement, so that processes keep a loaded old file."""
     target = content / entry_path(entry)
     if target.is_dir() and not target.is_symlink():
         shutil.rmtree(target)

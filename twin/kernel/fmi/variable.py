@@ -70,7 +70,7 @@ Value = float | str | Sequence[float] | Sequence[str]
 
 
 class Conversion(NamedTuple):
-    """A unit conversion: SI value = factor * value + offset, of a quantity of `dimension`."""
+    """A conversion from a unit to SI: SI value = factor * value + offset, of a quantity of `dimension`."""
 
     dimension: Dimension
     factor: float = 1.0
@@ -88,7 +88,7 @@ KNOWN_UNITS |= dict.fromkeys(("degC", "\N{DEGREE SIGN}C"), Conversion(TEMPERATUR
 
 
 def conversion(unit: str, definitions: list[Any]) -> Conversion | None:
-    """Return the conversion of `unit` to SI by the FMU's `definitions` or well-known names; None if unknown."""
+    """Return the conversion of `unit` to SI, by the FMU's `definitions` or well-known names; None if unknown."""
     for definition in definitions:
         if definition.name == unit and definition.baseUnit is not None:
             base = definition.baseUnit
@@ -98,7 +98,7 @@ def conversion(unit: str, definitions: list[Any]) -> Conversion | None:
 
 
 def si_conversion(unit: str, stated: Conversion | None = None) -> Conversion | None:
-    """Return the conversion of `unit` to SI; None if unknown.
+    """Return the conversion of `unit` to SI, by its definition in a file or its well-known name; None if unknown.
 
     Args:
         stated: definition in a file, used unless the well-known unit counts turns. A definition as 1/s with the factor
@@ -116,7 +116,7 @@ def si_conversion(unit: str, stated: Conversion | None = None) -> Conversion | N
 
 
 def enumeration_items(variable: Any) -> dict[str, float]:
-    """Return item name -> value of the enumeration that a variable (FMPy's) is declared as; empty for other types."""
+    """Return item name -> value of the enumeration type of an FMU variable (FMPy's); empty for other types."""
     declared = variable.declaredType
     if declared is None or variable.type != "Enumeration":
         return {}
@@ -129,7 +129,7 @@ def enumeration_items(variable: Any) -> dict[str, float]:
 
 
 def parse_value(where: str, items: Mapping[str, float], value: float | str) -> float:
-    """Convert an enumeration item's name or value to its value; other variables accept any number.
+    """Convert an FMU variable's value to a number; for an enumeration, also the name of an item.
 
     Args:
         where: prefix of error messages.
@@ -204,12 +204,12 @@ class Variable:
 
     @property
     def range_phrase(self) -> str:
-        """Phrase for the range of the variable's type: `which is UInt8 (0 .. 255)`."""
+        """Phrase for the type of the variable and its range: `which is UInt8 (0 .. 255)`."""
         low, high = self.bounds
         return f"which is {self.type} ({low:.17g} .. {high:.17g})"
 
     def range_error(self, value: float) -> str:
-        """Return why `value` is outside the variable's type, `in8 is UInt8; expected 0 .. 255`; "" if it is inside."""
+        """Return why `value` is outside the range of the variable's type: `in8 is UInt8; expected 0 .. 255`; or ""."""
         low, high = self.bounds
         # an int is compared without conversion, as a double may round it
         whole = self.type in REAL_TYPES or isinstance(value, int) or not abs(value) < MAX_EXACT // 2
@@ -219,11 +219,11 @@ class Variable:
         return f"{self.name} is {self.type}; expected {low:.17g} .. {high:.17g}{why}"
 
     def format_value(self, value: float) -> str:
-        """Format `value` for messages: the name of the enumeration item, else the number."""
+        """Format a value of the variable for messages: the name of the enumeration item, else the number."""
         return next((name for name, number in self.items.items() if number == value), f"{value:g}")
 
     def with_size(self, file: Path, structure: Mapping[str, float]) -> "Variable":
-        """Return the variable with the array size for the given values of structural parameters.
+        """Return the array variable with the size that values of structural parameters give.
 
         Raises:
             InputRefused: an empty array, or too many values.
@@ -239,7 +239,7 @@ class Variable:
 
 
 def variable_of(v: Any, model: Any) -> Variable:
-    """Convert a variable of FMPy; arrays have the size of the start values of structural parameters."""
+    """Convert an FMU variable of FMPy to a `Variable`; start values of structural parameters give array sizes."""
     declared = v.declaredType
     unit = v.unit or (declared.unit if declared is not None else None) or ""
     kind = {"1": FMI1_KINDS, "2": FMI2_KINDS}.get(model.fmiVersion[0], FMI3_KINDS).get(v.type, v.type)
@@ -275,7 +275,7 @@ def parse_number(text: Any) -> float:
 
 
 class Setup(NamedTuple):
-    """Data of the run that an FMU gets before initialisation.
+    """Data of the run that an FMU gets before initialisation: tolerance, start, stop and step.
 
     Attributes:
         tolerance: relative tolerance of its solver; None to use the FMU's default.
@@ -302,11 +302,11 @@ Setting = tuple[Variable, float | np.ndarray | list[str] | list[bytes]]
 
 
 class FilePath(str):
-    """Text that is the path of a file."""
+    """Text that is the path of a file: the value of a parameter."""
 
 
 def to_json(value: float | np.ndarray | list[str] | list[bytes]) -> Any:
-    """Convert a setting to JSON, with files and Binaries represented by SHA-256, independent of location."""
+    """Convert a parameter value to JSON, with files and Binaries represented by SHA-256, independent of location."""
     if isinstance(value, np.ndarray):
         return value.tolist()
     if not isinstance(value, list):
@@ -323,7 +323,7 @@ def to_json(value: float | np.ndarray | list[str] | list[bytes]) -> Any:
 
 
 def setting_value(file: Path, variable: Variable, value: Value) -> float | np.ndarray | list[str] | list[bytes]:
-    """Check and convert `value` for `variable` of the FMU `file`.
+    """Check and convert the user's `value` for the FMU variable `variable` of the FMU `file`.
 
     Raises:
         InputRefused: wrong type, out of range, not an enumeration item, not finite, wrong number of values, or no such
@@ -375,7 +375,7 @@ def _bytes(where: str, text: str) -> bytes:
 
 
 def given_values(value: ParameterValue, where: str) -> list[float] | list[str]:
-    """Return the values of a parameter set's parameter, at least one.
+    """Return the values of a parameter in an SSP parameter set, at least one.
 
     Raises:
         InputRefused: binary, empty, or text that would name a file of this machine.
@@ -399,7 +399,7 @@ def defined_conversion(unit: str, definitions: Sequence[UnitDefinition]) -> Conv
 
 
 def stop_time(ticks: int | None, tick: float, substeps: int) -> float | None:
-    """Compute the end of the last step (s): the duration, or t + h of that step as rounded, whichever is later."""
+    """Compute the end of a run's last step (s): the duration, or t + h of that step as rounded, whichever is later."""
     if ticks is None:
         return None
     step = tick / substeps

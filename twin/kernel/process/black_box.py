@@ -34,7 +34,7 @@ _FMU_REMEDY = "{file} is unusable: report this message to its vendor; `--isolate
 
 
 class Call(NamedTuple):
-    """A call into a component that was announced and has not returned; `number` counts the calls of its process."""
+    """A call into a component that was announced and may not have returned; `number` counts its process's calls."""
 
     number: int
     file: str
@@ -43,7 +43,7 @@ class Call(NamedTuple):
 
 
 class BlackBox:
-    """The reader's end of a black box; a context manager that closes it.
+    """The supervisor's end of a black box: memory shared with a process, which notes its present activity there.
 
     Attributes:
         fd: file descriptor of the nameless file, to be inherited by the writer.
@@ -64,17 +64,17 @@ class BlackBox:
         os.ftruncate(self.fd, INPUTS_AT)
 
     def mark(self) -> tuple[int, int]:
-        """Return (tick, component) of the running or last step; see `SimulationMemory.mark`."""
+        """Return (tick, component) of the process's running or last step; see `SimulationMemory.mark`."""
         tick, component = _MARK_STRUCT.unpack(os.pread(self.fd, _MARK_STRUCT.size, 0))
         return tick, component
 
     def compile_time(self) -> float:
-        """Return the writer's compile time until now (s)."""
+        """Return the time that the process has spent compiling until now (s)."""
         done, since = _COMPILED_STRUCT.unpack(os.pread(self.fd, _COMPILED_STRUCT.size, _COMPILED_AT))
         return 1e-9 * (done + (max(time.monotonic_ns() - since, 0) if since else 0))
 
     def call(self) -> Call | None:
-        """Return the last announced call; None if it has returned."""
+        """Return the last FMI call that the process announced; None if it has returned."""
         content = os.pread(self.fd, INPUTS_AT - _CALL_AT, _CALL_AT)
         number, length = _CALL_STRUCT.unpack_from(content)
         if not length:
@@ -85,7 +85,7 @@ class BlackBox:
         return Call(number, file, instance, function)
 
     def inputs(self, start: int, count: int) -> tuple[float, ...]:
-        """Return the inputs number `start` to `start` + `count` of all components, at their last steps."""
+        """Return inputs number `start` to `start` + `count` of all components, at their last steps."""
         return struct.unpack(f"={count}d", os.pread(self.fd, 8 * count, INPUTS_AT + 8 * start))
 
     def close(self) -> None:
@@ -93,7 +93,7 @@ class BlackBox:
 
 
 class Announcer:
-    """The writer's end of a black box, for calls and compile time.
+    """The writer's end of a black box: a process notes its FMI calls and compile time there for its supervisor.
 
     Args:
         fd: file descriptor of the nameless file.
@@ -105,7 +105,7 @@ class Announcer:
         self._compiled, self._since = 0, 0
 
     def compiling(self, begins: bool) -> None:
-        """Note that a compilation begins or ends. Fits `Hooks.compiling`."""
+        """Note in the black box that a compilation begins or ends. Fits `Hooks.compiling`. Fits `Hooks.compiling`."""
         now = time.monotonic_ns()
         if not begins:
             self._compiled += now - self._since
@@ -113,7 +113,10 @@ class Announcer:
         _COMPILED_STRUCT.pack_into(self._memory, _COMPILED_AT, self._compiled, self._since)
 
     def announce_call(self, file: str, instance: str, function: str) -> None:
-        """Note that a call begins, or with an empty `function` that it has returned. Fits `Hooks.fmi_call`."""
+        """Note in the black box that an FMI call begins, or with an empty `function` that it has returned.
+
+        Fits `Hooks.fmi_call`.
+        """
         _CALL_STRUCT.pack_into(self._memory, _CALL_AT, self._number, 0)
         if function:
             text = b"\0".join(part.encode()[:_MAX_PART_BYTES] for part in (file, instance, function))
@@ -125,7 +128,7 @@ class Announcer:
 
 @dataclass(frozen=True)
 class Participant:
-    """A component as described by the job.
+    """A component of the running job, as described to the supervisor for error messages.
 
     Attributes:
         name, label: see `twin.kernel.cosim.component.Component`.
@@ -145,7 +148,7 @@ class Participant:
 
 @dataclass(frozen=True)
 class SteppedSystem:
-    """The system being stepped: tick (s), number of the last tick, components in the order of the mark."""
+    """Description of the system being stepped: tick (s), last tick, components in the order of the mark."""
 
     tick: float
     last_tick: int
@@ -154,7 +157,7 @@ class SteppedSystem:
 
 @dataclass
 class JobAccount:
-    """A supervisor's knowledge of a job, from its reports.
+    """A supervisor's knowledge of a job, collected from its reports.
 
     Attributes:
         stepped: the system being stepped; None while components are being created.
@@ -167,7 +170,7 @@ class JobAccount:
     helpers: dict[str, int] = field(default_factory=dict)
 
     def update(self, report: dict[str, Any]) -> None:
-        """Update the account from a report of the kinds "loading", "stepping" and "helper"; ignore others."""
+        """Update the supervisor's knowledge from a report of kind "loading", "stepping" or "helper"; ignore others."""
         if "loading" in report:
             self.stepped = None
             self.helpers.clear()
@@ -183,17 +186,17 @@ class JobAccount:
             self.stepped = SteppedSystem(facts["tick"], facts["last_tick"], components)
 
     def stepping(self, box: BlackBox) -> Participant | None:
-        """Return the component whose step is running, or was when the process ended; None between steps."""
+        """Return the component whose step is running, or was running when the process ended; None between steps."""
         component = box.mark()[1]
         return self.stepped.components[component] if self.stepped and component >= 0 else None
 
     def is_busy(self, box: BlackBox) -> bool:
-        """Return whether a call into a component is running."""
+        """Whether a call into a component is running."""
         return box.call() is not None or self.stepping(box) is not None
 
 
 def exit_phrase(status: int) -> str:
-    """Return a verb phrase for the end of a process that was not ended by its supervisor.
+    """Describe how a process ended that its supervisor did not end, as a verb phrase.
 
     Args:
         status: exit status, negative for a signal.
@@ -257,9 +260,7 @@ def _time_text(stepped: SteppedSystem, box: BlackBox) -> str:
 
 
 def _last_inputs(participant: Participant, box: BlackBox) -> str:
-    """Format the last inputs like `twin.kernel.cosim.component.named_values`, without NumPy, which a supervisor does
-    not load.
-    """
+    """Format a component's last inputs with names and units, without NumPy, which a supervisor does not load."""
     values = list(box.inputs(participant.first_input, sum(size for _, size, _ in participant.inputs)))
     texts = []
     for name, size, unit in participant.inputs:

@@ -21,7 +21,7 @@ _PR_SET_PDEATHSIG = 1
 
 
 def main() -> None:
-    """Run the job of this process once per request, until the parent has gone or the job fails."""
+    """Run the job of a guarded process once per request, until the parent process has gone or the job fails."""
     box, parent = map(int, sys.argv[1:])
     orders, reports = os.dup(0), os.fdopen(os.dup(1), "w", encoding="utf-8")
     with open(os.devnull) as nothing:
@@ -65,7 +65,7 @@ def main() -> None:
 
 
 def _exit_with_parent(parent: int) -> None:
-    """Make the Linux kernel end this process with `parent`, even if it hangs; elsewhere the closed pipe ends it."""
+    """Make the Linux kernel end this process with its parent, even if it hangs; elsewhere the closed pipe ends it."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     # the parent may have died before the prctl took effect
@@ -74,7 +74,7 @@ def _exit_with_parent(parent: int) -> None:
 
 
 def _lines(fd: int) -> Iterator[str]:
-    """Yield the lines read from `fd`; end the process when all writers have closed it."""
+    """Yield the lines read from the pipe `fd`; end the process when all writers have closed it."""
     rest = b""
     while True:
         line, found, rest = rest.partition(b"\n")

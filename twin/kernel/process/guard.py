@@ -27,11 +27,11 @@ UNSTEPPED_STOP_TIMEOUT = 0.5
 
 
 class JobFailure(ComponentFailed):
-    """Failure of a job after stepping had begun: its process crashed, exited or was ended for a limit."""
+    """Error that a job failed after stepping had begun: its process crashed, exited or was ended for a limit."""
 
 
 class JobLoadFailure(InputRefused):
-    """Failure of a job before its first step: a component could not be created."""
+    """Error that a job failed before its first step: a component could not be created."""
 
 
 def run_guarded(
@@ -95,14 +95,14 @@ def _follow(
 
 
 def _printed_lines(printed: str) -> Iterator[str]:
-    """Yield the lines of `printed`; merge repeated lines, as from each instance of an FMU, into one."""
+    """Yield the lines that a job printed; merge repeated lines, as from each instance of an FMU, into one."""
     for line, same in groupby(printed.splitlines()):
         count = len(list(same))
         yield escape_controls(line) + (f"  ({count} times)" if count > 1 and line.strip() else "")
 
 
 def raise_failure(report: dict[str, Any]) -> None:
-    """Raise the error or interrupt in `report`, if there is one.
+    """Raise the error or interrupt that a job's `report` describes, if there is one.
 
     Raises:
         TwinError: with the class, text and exit code of the job's error.
@@ -130,7 +130,7 @@ class Watchdog:
         self._stepped: object = None
 
     def raise_if_over(self) -> None:
-        """Check all limits once; end the process and raise if it exceeds one.
+        """Check all limits of the supervised process once; end the process and raise if it exceeds one.
 
         Raises:
             JobFailure, JobLoadFailure: the process has ended without a result, or exceeded a limit and was ended.
@@ -173,12 +173,12 @@ class Watchdog:
             )
 
     def _begin(self) -> None:
-        """Restart the timer of the running call."""
+        """Restart the timer of the call that is running."""
         self._since = self._looked = time.monotonic()
         self._used, self._waited = self.process.processor_time, 0.0
 
     def _is_over(self) -> bool:
-        """Return whether the running call exceeds the time limit of a call."""
+        """Whether the running call exceeds the time limit of a call."""
         now, limit = time.monotonic(), self.limits.step
         if self.process.is_waiting:
             self._waited += now - self._looked
@@ -202,7 +202,7 @@ class Watchdog:
         return taken * stepped.last_tick / tick if tick and taken > MIN_ESTIMATE_TIME else 0.0
 
     def _failure(self, manner: str, remedy: str | None = None, culprit: str | None = None) -> TwinError:
-        """End the process, so that its state is final, and return the error about its end."""
+        """End the supervised process, so that its state is final, and return the error about its end."""
         self.process.end()
         text = failure_message(self.account, self.process.box, manner, remedy, self.process.output_tail, culprit)
         return JobFailure(text) if self.account.stepped else JobLoadFailure(text)

@@ -37,7 +37,7 @@ _termination_signals: list[int] = []
 
 
 def load_function(name: str) -> Callable[..., Any]:
-    """Load a function by its name "module:function"."""
+    """Import and return a function by its name "module:function"."""
     module, _, function = name.partition(":")
     found: Callable[..., Any] = getattr(importlib.import_module(module), function)
     return found
@@ -45,7 +45,7 @@ def load_function(name: str) -> Callable[..., Any]:
 
 @dataclass(frozen=True)
 class JobLimits:
-    """Limits of a job, enforced by its supervisor.
+    """Limits of a guarded job in time and memory, enforced by its supervisor.
 
     Attributes:
         step: maximum time of one call into a component (s), in wall time and in processor time, so that a busy machine
@@ -76,7 +76,7 @@ def duration_text(seconds: float) -> str:
 
 
 def failure_report(problem: Exception) -> list[Any]:
-    """Serialise an exception for `rebuild_error`: module, class, text, exit code."""
+    """Serialise an exception for another process: module, class, text, exit code; see `rebuild_error`."""
     if isinstance(problem, OSError):
         return failure_report(NotWritten(os_error_message(problem)))
     if not isinstance(problem, TwinError):
@@ -86,7 +86,7 @@ def failure_report(problem: Exception) -> list[Any]:
 
 
 def rebuild_error(report: list[Any]) -> TwinError:
-    """Restore the error of a `failure_report`, with the same class, text and exit code.
+    """Restore an error of another process from its `failure_report`, with the same class, text and exit code.
 
     Other attributes of the error are lost: code that needs them runs in the process itself.
     """
@@ -100,7 +100,7 @@ def rebuild_error(report: list[Any]) -> TwinError:
 
 @contextlib.contextmanager
 def handle_termination() -> Iterator[None]:
-    """Make SIGTERM and SIGHUP end the block like Ctrl-C, with another exit code; in the main thread only.
+    """Make the signals SIGTERM and SIGHUP end the block like Ctrl-C, with another exit code; in the main thread only.
 
     An ignored SIGHUP (`nohup`) stays ignored.
     """
@@ -123,12 +123,12 @@ def handle_termination() -> Iterator[None]:
 
 
 def interruption() -> tuple[int, str]:
-    """Return exit code and participle for the signal that ended this process: Ctrl-C or SIGTERM."""
+    """Return the exit code and the participle for the signal that ended this process: Ctrl-C or SIGTERM."""
     return (TERMINATE_EXIT_CODE, "terminated") if _termination_signals else (INTERRUPT_EXIT_CODE, "interrupted")
 
 
 def retry_lost_interrupts() -> None:
-    """Repeat interrupts that arrive where they cannot be caught, from now on, after a short delay.
+    """Repeat interrupts (Ctrl-C) that arrive where they cannot be caught, from now on, after a short delay.
 
     Compiling has many such places: finalisers and callbacks manage each piece of machine code.
     """

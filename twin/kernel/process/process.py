@@ -29,13 +29,13 @@ _READ_BYTES = 65536
 
 
 def module_command(module: str, *arguments: str) -> list[str]:
-    """Return the command line that runs `module` of this package, with `environment`."""
+    """Return the command line that runs `module` of this package in a new Python process, with `environment`."""
     # -P: do not import from the current folder
     return [sys.executable, "-P", "-m", module, *arguments]
 
 
 def environment() -> dict[str, str]:
-    """Return this process's environment, extended so that another Python finds this package.
+    """Return this process's environment variables, extended so that another Python finds this package.
 
     Scripts started by a drive otherwise search Python's default folders.
     """
@@ -87,7 +87,7 @@ class GuardedProcess:
         self.close()
 
     def close(self) -> None:
-        """End the process and release its pipes and black box."""
+        """End the guarded process and release its pipes and black box."""
         self.end()
         self._selector.close()
         for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
@@ -98,17 +98,17 @@ class GuardedProcess:
 
     @property
     def age(self) -> float:
-        """Time since the start of the process (s)."""
+        """Time since the start of the guarded process (s)."""
         return time.monotonic() - self._began
 
     @property
     def processor_time(self) -> float:
-        """Processor time of the process (s); infinity where the system does not report it."""
+        """Processor time of the guarded process (s); infinity where the system does not report it."""
         return processor_time(self.pid)
 
     @property
     def is_waiting(self) -> bool:
-        """Whether the process is neither running nor ready to run; true where the system does not report it."""
+        """Whether the guarded process is neither running nor ready to run; true where that is not reported."""
         try:
             # the format is "pid (name) state ..", and a name may contain brackets
             with open(f"/proc/{self.pid}/stat", "rb", buffering=0) as file:
@@ -118,12 +118,12 @@ class GuardedProcess:
 
     @property
     def output_tail(self) -> str:
-        """The last kilobytes that the process wrote to standard output and standard error."""
+        """The last kilobytes that the guarded process wrote to standard output and standard error."""
         return self._tail.decode(errors="replace")
 
     @property
     def memory(self) -> int:
-        """Resident memory of the process (bytes); 0 where the system does not report it."""
+        """Resident memory of the guarded process (bytes); 0 where the system does not report it."""
         return resident_memory(self.pid)
 
     @property
@@ -131,17 +131,17 @@ class GuardedProcess:
         return self._process.returncode is not None
 
     def start(self, arguments: dict[str, Any]) -> None:
-        """Begin the job of the process with `arguments`."""
+        """Begin the job of the guarded process with `arguments`."""
         # pickle preserves all types on the way in; results return as JSON, because FMUs run there and are not trusted
         self.order(pickle.dumps(arguments).hex())
 
     def order(self, line: str) -> None:
-        """Send a line to the process; no effect if it has gone."""
+        """Send a line of text to the guarded process; no effect if it has gone."""
         with contextlib.suppress(BrokenPipeError):
             os.write(_fd(self._process.stdin), line.encode() + b"\n")
 
     def reports(self, timeout: float) -> list[dict[str, Any]]:
-        """Return the process's reports since the last call, after waiting at most `timeout` (s) for news."""
+        """Return the guarded process's reports since the last call, after waiting at most `timeout` (s) for news."""
         lines: list[bytes] = []
         ready = self._selector.select(timeout)
         if not ready and not self.has_exit_status:
@@ -158,7 +158,7 @@ class GuardedProcess:
         return [json.loads(line) for line in lines]
 
     def _is_zombie(self) -> bool:
-        """Return whether the process has ended, even while a process that it started keeps its pipe open.
+        """Whether the process has ended, even while a process that it started keeps its pipe open.
 
         Does not reap it, so that its pid, which is also the id of its group, is not reused.
         """
@@ -168,7 +168,7 @@ class GuardedProcess:
         return os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
     def end(self) -> int:
-        """End the process and all processes it started; return its exit status, negative for a signal.
+        """End the guarded process and all processes it started; return its exit status, negative for a signal.
 
         A process that has ended by itself keeps its exit status.
         """
@@ -219,14 +219,14 @@ def start_ahead(job: str) -> None:
 
 
 def claim_process(job: str) -> GuardedProcess | None:
-    """Return the process started in advance for `job`, or None; end all other waiting processes."""
+    """Return the process started in advance for `job`, or None; end all others started in advance."""
     found = _waiting.pop(job, None)
     end_waiting()
     return found
 
 
 def process_for(job: str) -> GuardedProcess:
-    """Return the process started in advance for `job`, or a new one; end all other waiting processes."""
+    """Return the process started in advance for `job`, or a new one; end all others started in advance."""
     return claim_process(job) or GuardedProcess(job)
 
 

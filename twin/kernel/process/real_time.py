@@ -53,7 +53,7 @@ def real_time(first: int | None = None) -> Iterator[str]:
 
 
 def _share_processor(first: int) -> set[int]:
-    """Pin the thread `first` and this one to one processor; return the processors this thread had before."""
+    """Pin the thread `first` and this thread to one processor; return the processors allowed to this thread before."""
     processors = os.sched_getaffinity(0)
     for thread in (first, 0):
         # the thread may have ended

@@ -21,7 +21,7 @@ Show = Callable[[int, int], None]
 
 
 class ProcessProxy(Component):
-    """A component that represents a component in another process.
+    """A component of this process that represents a component that runs in another process.
 
     Attributes:
         function: its `called_function`.
@@ -48,16 +48,19 @@ class Reporter(Protocol):
     """
 
     def note(self, **facts: Any) -> None:
-        """Send `facts` to the listener of this job."""
+        """Send the note `facts` to the listener of this job in the parent process."""
 
     def loading(self) -> None:
         """Report that components are being created from now on; a failure is then an input error."""
 
     def progress(self, done: int, total: int) -> None:
-        """Report that `done` of `total` ticks are complete. Fits `twin.robot.run.execute(progress=...)`."""
+        """Report that `done` of `total` ticks of the simulation are complete.
+
+        Fits `twin.robot.run.execute(progress=...)`.
+        """
 
     def helper(self, name: str, pid: int) -> None:
-        """Report that the component `name` runs in the process `pid`."""
+        """Report that the component `name` runs in a process of its own, `pid`."""
 
 
 class DirectReporter:
@@ -70,14 +73,14 @@ class DirectReporter:
         self._listen(facts)
 
     def loading(self) -> None:
-        """Ignored: errors are raised directly."""
+        """Ignored, because errors of a job without a supervisor are raised directly."""
 
     def helper(self, name: str, pid: int) -> None:
-        """Ignored: the memory of the process is not limited."""
+        """Ignored, because the memory of a job without a supervisor is not limited."""
 
 
 def own_reporter() -> Reporter:
-    """Return the reporter of this process, or without a supervisor one that drops all reports."""
+    """Return the reporter of this process to its supervisor; without a supervisor, one that drops all reports."""
     return HOOKS.reporter or DirectReporter(lambda note: None)
 
 
@@ -108,7 +111,10 @@ class PipeReporter:
         self.report("loading", None)
 
     def stepping(self, system: System, last_tick: int) -> SimulationMemory:
-        """Report that `system` is being stepped, and return its memory in the black box. Fits `Hooks.memory`."""
+        """Report to the supervisor that `system` is being stepped, and return its memory in the black box.
+
+        Fits `Hooks.memory`.
+        """
         # never shrink: earlier simulations, which may be resumed, still map it
         size = max(os.fstat(self.box).st_size, INPUTS_AT + 8 * max(1, system.inputs_width))
         os.ftruncate(self.box, size)
@@ -134,7 +140,7 @@ class PipeReporter:
         return memory
 
     def progress(self, done: int, total: int) -> None:
-        """Ignored: the black box shows the tick."""
+        """Ignored, because the supervisor reads the tick from the black box."""
 
     def helper(self, name: str, pid: int) -> None:
         self.report("helper", [name, pid])

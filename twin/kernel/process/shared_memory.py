@@ -70,7 +70,7 @@ def syscall_numbers() -> np.ndarray:
 
 @intrinsic
 def load(typingctx, address):
-    """Load the int32 at `address`, sequentially consistent."""
+    """Load the int32 at a memory address shared between processes, sequentially consistent."""
 
     def codegen(context, builder, signature, arguments):
         return builder.load_atomic(builder.inttoptr(arguments[0], c.i32.as_pointer()), "seq_cst", 4)
@@ -80,7 +80,7 @@ def load(typingctx, address):
 
 @intrinsic
 def store(typingctx, address, value):
-    """Store the int32 at `address`, sequentially consistent."""
+    """Store an int32 at a memory address shared between processes, sequentially consistent."""
 
     def codegen(context, builder, signature, arguments):
         builder.store_atomic(arguments[1], builder.inttoptr(arguments[0], c.i32.as_pointer()), "seq_cst", 4)
@@ -91,7 +91,7 @@ def store(typingctx, address, value):
 
 @intrinsic
 def _syscall(typingctx, function, number, first, second, third, fourth, fifth):
-    """Call `long syscall(long number, ...)` with five arguments."""
+    """Call the system call `long syscall(long number, ...)` with five arguments."""
 
     def codegen(context, builder, signature, arguments):
         kind = ir.FunctionType(c.i64, [c.i64] * 6)
@@ -102,7 +102,7 @@ def _syscall(typingctx, function, number, first, second, third, fourth, fifth):
 
 @njit(cache=True, nogil=True)
 def set_and_wake(kernel, word, asleep, value):
-    """Set `word` to `value` and wake a process that waits for it.
+    """Set a shared word to `value` and wake the process that waits for it.
 
     Args:
         kernel: address of the result of `syscall_numbers`.
@@ -117,7 +117,7 @@ def set_and_wake(kernel, word, asleep, value):
 
 @njit(cache=True, nogil=True)
 def wait_once(kernel, word, asleep, value, patience):
-    """Return whether `word` is `value`, after sleeping at most once until it changes.
+    """Whether a shared word has the value `value`, after sleeping at most once until it changes.
 
     Args:
         patience: address of a `struct timespec`, the maximum time to sleep.
@@ -136,7 +136,7 @@ def wait_once(kernel, word, asleep, value, patience):
 
 @njit(cache=True, nogil=True)
 def is_zombie(kernel, pid, info):
-    """Return whether the child process `pid` has ended, without reaping it.
+    """Whether the child process `pid` has ended, without reaping it.
 
     Args:
         info: address of 128 bytes for a `siginfo_t`; its first int is the signal number if the child has ended.
@@ -166,7 +166,7 @@ def timespec(seconds: float) -> np.ndarray:
 
 
 class SharedPage:
-    """This process's mapping of the page shared with another process.
+    """Mapping of a memory page that this process shares with another, to exchange a component's inputs and outputs.
 
     Args:
         fd: file descriptor of the black box.
@@ -189,29 +189,29 @@ class SharedPage:
         self.number = np.ones(1, dtype=np.int64)
 
     def clear(self) -> None:
-        """Clear the state of a previous drive; call in the host, before the first request."""
+        """Reset the shared page after a previous drive; call in the host, before the first request."""
         self._bytes[INPUTS_AT:] = 0
 
     @property
     def order(self) -> int:
-        """Number of the order that `serve` returned for."""
+        """Number of the order that made `serve` return."""
         return int(self._bytes[_TIME_OFFSET : _TIME_OFFSET + 8].view(np.float64)[0])
 
     def write_content(self, content: bytes) -> None:
-        """Store `content` after the page, for the other side's `read_content`; replaces earlier content."""
+        """Store bytes behind the shared page for the other process's `read_content`; replaces earlier content."""
         os.pwrite(self._fd, struct.pack("<Q", len(content)) + content, self._end)
 
     def read_content(self) -> bytes:
-        """Read the content stored by the other side."""
+        """Read the bytes that the other process stored behind the shared page."""
         (length,) = struct.unpack("<Q", os.pread(self._fd, 8, self._end))
         return os.pread(self._fd, length, self._end + 8)
 
     def answer(self, status: int) -> None:
-        """Answer an order with `status`; call in the host."""
+        """Answer an order that interrupted `serve` with `status`; call in the host."""
         answer(self.address, status, self.number, self.kernel.ctypes.data)
 
     def close(self) -> None:
-        """Close the page, so that the host's `serve` returns SERVE_STOPPED."""
+        """Close the shared page, so that the host's `serve` returns SERVE_STOPPED."""
         self._bytes[CLOSED_OFFSET] = 1
 
 
@@ -223,7 +223,7 @@ def next_number(number):
 
 @step_function(CALLER_TYPE)
 def ask(m, t, h, u, y):
-    """Step a component in the host and wait for its outputs."""
+    """Step a component that runs in the host process: pass its inputs and wait for its outputs."""
     page = m.page
     times, there = (
         carray(doubles_at(page + _TIME_OFFSET), 2),
@@ -255,7 +255,7 @@ def ask(m, t, h, u, y):
 
 @entry("int", "int", "int", "int", "int", "integers", "int", "int")
 def serve(page, inputs, step, memory, numbers, kernel, nap):
-    """Serve requests from `numbers[0]` on, until a step returns a bad status, an order arrives, or no request comes.
+    """Serve step requests of another process from `numbers[0]` on, until a bad status, an order, or a long pause.
 
     Args:
         page: address of the page.
@@ -285,7 +285,7 @@ def serve(page, inputs, step, memory, numbers, kernel, nap):
 
 @entry("nothing", "int", "int", "integers", "int")
 def answer(page, status, numbers, kernel):
-    """Answer the request `numbers[0]` with `status`; arguments as in `serve`."""
+    """Answer step request number `numbers[0]` of another process with `status`; arguments as in `serve`."""
     number = carray(numbers, 1)
     carray(_i32(page + STATUS_OFFSET), 1)[0] = status
     set_and_wake(kernel, page + ANSWERED_OFFSET, page + CALLER_ASLEEP_OFFSET, number[0])

@@ -47,7 +47,7 @@ MISMATCH_REASONS = {
 
 
 def identity(system: System, packages: Mapping[str, str], files: Mapping[str, str], made_of: Any) -> dict[str, Any]:
-    """Return the identity of a run for its states: everything that the bits of its signals depend on.
+    """Return the identity of a run, to match saved states: everything that the bits of its signals depend on.
 
     Args:
         packages: package -> version.
@@ -73,7 +73,7 @@ def compiled_names(components: Iterable[Component]) -> Iterator[str]:
 
 
 def machine_identity(packages: Mapping[str, str]) -> dict[str, Any]:
-    """Return the part of an identity that is independent of the experiment: package versions and processor."""
+    """Return the part of a run's identity that is independent of the experiment: package versions and processor."""
     return {
         "versions": {name: number for name, number in packages.items() if name != "twin"},
         "processor": chosen_form().name,
@@ -81,7 +81,7 @@ def machine_identity(packages: Mapping[str, str]) -> dict[str, Any]:
 
 
 def refuse_other_run(saved: SavedState, own: Mapping[str, Any], where: str) -> None:
-    """Refuse a state of another run than `own`, an `identity` or a part of it.
+    """Refuse a saved state of another run than `own`, an `identity` or a part of it.
 
     Raises:
         InputRefused: names the difference, and advises to run the experiment again.
@@ -160,12 +160,12 @@ class RunStates(Observer):
             events.sort(key=lambda event: event.tick)
 
     def save_on_interrupt(self) -> None:
-        """Save the state of an interrupted run."""
+        """Save the present state of a run that is interrupted."""
         if not self.lacking and not self._simulation.failure and 0 < self._simulation.next_tick <= self._last_tick:
             self._write(self._simulation.next_tick, self._content())
 
     def finish(self) -> None:
-        """Record the state saved at the end of the run."""
+        """Add the state saved at the end of the run to its recording."""
         if self._end:
             self._write(self._last_tick, self._end)
 
@@ -185,7 +185,7 @@ class RunStates(Observer):
 
 
 def state_ticks(times: Iterable[float], every: float | None, tick: float, last: int) -> set[int]:
-    """Return the ticks of the states to save in a run.
+    """Compute the ticks of a run for which its state is saved, from times and an interval.
 
     Args:
         times: times of states (s).
@@ -210,7 +210,7 @@ class Interrupts(Observer):
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """Handle the signals within the block; no effect outside the main thread."""
+        """Handle Ctrl-C and SIGTERM within the block; no effect outside the main thread."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return
@@ -231,7 +231,7 @@ class Interrupts(Observer):
         self.enough = True
 
     def end(self, frame: Any = None) -> None:
-        """Call the handler that the signal would have called."""
+        """Call the handler that the received signal would have called."""
         self._before[self._asked](self._asked, frame)
 
 
@@ -246,7 +246,7 @@ def simulate_saving(
     adopt: Callable[[Simulation, SavedState], None] | None = None,
     timed: bool = True,
 ) -> SimulationResult:
-    """Simulate a recorded system with `states` saved, the last one even if the run is interrupted.
+    """Simulate a recorded system and save its states on the way, the last one even if the run is interrupted.
 
     Args:
         assembly, last_tick, observers, slice_ticks, lasting, adopt, timed: see `simulate`.
@@ -272,7 +272,7 @@ def simulate_saving(
 
 @dataclass(frozen=True)
 class StoredState:
-    """A state found in a recording.
+    """A saved state of a run, found in a recording.
 
     Attributes:
         recording: path of the recording.
@@ -290,12 +290,12 @@ class StoredState:
 
     @property
     def saved_state(self) -> SavedState:
-        """The state decoded from `content`."""
+        """The saved state of the system, decoded from `content`."""
         return SavedState.from_bytes(self.content, str(self.recording))
 
 
 def split_time(text: str) -> tuple[str, float | None]:
-    """Split `results/NAME/latest@31.5` into the path and the time (s); the time is None without an @.
+    """Split a path with a time, `results/NAME/latest@31.5`, into path and time (s); the time is None without an @.
 
     Raises:
         InputRefused: the text after the @ is no time.
@@ -313,7 +313,7 @@ def split_time(text: str) -> tuple[str, float | None]:
 
 
 def stored_state(recording: Path, until: float | None) -> StoredState | None:
-    """Find the last state in `recording` no later than `until` (s; None for the end); None if not found."""
+    """Find the last saved state in `recording` no later than `until` (s; None for the end); None if not found."""
     found = None
     for time, content in attachments(recording, MEDIA_TYPE):
         if until is None or time <= until + 1e-9:
@@ -322,7 +322,7 @@ def stored_state(recording: Path, until: float | None) -> StoredState | None:
 
 
 def continuation_metadata(state: StoredState) -> dict[str, dict[str, str]]:
-    """Return the metadata record that names `state` as the origin of a run."""
+    """Return the metadata that names the saved `state` as the origin of a continued run."""
     folder = state.recording.resolve().parent
     # the parent folder of a user-named run is private
     run = f"{folder.parent.name}/{folder.name}" if FOLDER_STAMP.fullmatch(folder.name) else folder.name

@@ -20,7 +20,7 @@ Answer = TypeVar("Answer")
 
 
 class WarmProcess:
-    """A guarded process that does one job again and again; a context manager that ends it.
+    """A guarded process that stays alive to do one job again and again; a context manager that ends it.
 
     A crash, a hang or a limit costs the answer in progress and nothing else: the next one gets a fresh process.
 
@@ -40,23 +40,23 @@ class WarmProcess:
         self.close()
 
     def close(self) -> None:
-        """End the process; a later answer gets a fresh one."""
+        """End the warm process; a later answer gets a new process."""
         if self._process:
             self._process.close()
         self._process = None
 
     @property
     def fresh(self) -> bool:
-        """Whether the next answer is the first one of its process."""
+        """Whether the next answer is the first one of a new process."""
         return self._process is None
 
     @property
     def memory(self) -> int:
-        """Resident memory (bytes); 0 without a process, or where the system does not report it."""
+        """Resident memory of the warm process (bytes); 0 without a process, or where the system does not report it."""
         return self._process.memory if self._process else 0
 
     def answer(self, arguments: Mapping[str, Any]) -> Any:
-        """Return the result of the job, called with `arguments`, through JSON.
+        """Run the job in the warm process, called with `arguments`, and return its result, through JSON.
 
         Raises:
             JobFailure, JobLoadFailure: the process ended, or exceeded a limit.
@@ -84,11 +84,11 @@ class WarmProcess:
 
 
 class _PoolShutdown(Exception):
-    """The pool has been closed."""
+    """Exception that the pool of processes has been closed."""
 
 
 class Pool(Generic[Task, Answer]):
-    """Warm processes with one thread each; a context manager that ends them, busy or not.
+    """Pool of reusable guarded processes, one thread each; a context manager that ends them, busy or not.
 
     Args:
         count: number of processes; each starts with its first task.
@@ -115,7 +115,7 @@ class Pool(Generic[Task, Answer]):
             thread.join()
 
     def answers(self, tasks: Sequence[Task]) -> Generator[list[tuple[Task, Answer]]]:
-        """Yield each task once, with its answer, in batches as they come; an empty batch after `BATCH_TIMEOUT`.
+        """Distribute tasks to the processes; yield each task once, with its answer, in batches as they complete.
 
         Raises:
             Exception: `ask` raised it; earlier answers are yielded first.
@@ -134,7 +134,7 @@ class Pool(Generic[Task, Answer]):
             raise _PoolShutdown
 
     def _serve(self) -> None:
-        """Answer tasks in one thread, which starts its process itself: a process dies with its starter thread."""
+        """Answer tasks of the pool in one thread, which starts its own process, as processes die with their starter."""
         with WarmProcess(self._job, self._limits, self._raise_if_stopping) as process:
             while (item := self._waiting.get()) is not None and not self._stopping.is_set():
                 task, done = item
@@ -149,7 +149,7 @@ class Pool(Generic[Task, Answer]):
 
 
 def _batch(done: "queue.SimpleQueue[Any]") -> list[Any]:
-    """Return all answers that have come; raise an exception that is the first to come."""
+    """Return all answers that have arrived; raise an exception if it is the first to arrive."""
     batch: list[Any] = []
     try:
         found = done.get(timeout=BATCH_TIMEOUT)

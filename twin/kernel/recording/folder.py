@@ -41,7 +41,7 @@ def create_run_folder(results: Path, experiment: str, now: datetime) -> Path:
 
 
 def discard_run_folder(folder: Path) -> None:
-    """Remove an empty `folder` of `create_run_folder` and link `latest` to the previous run again."""
+    """Remove the empty folder of a run and link `latest` to the previous run again."""
     try:
         folder.rmdir()
     except OSError:
@@ -60,7 +60,7 @@ def _link_latest(latest: Path, run: str | None) -> None:
 
 
 def claim_run_folder(folder: Path) -> Path:
-    """Create `folder` itself as the folder of one run, and return it.
+    """Create the folder `folder`, given by the user, as the folder of one run, and return it.
 
     A name like those of `create_run_folder` gets a marker file: the folder belongs to the user, and every command keeps
     it.
@@ -78,7 +78,7 @@ def claim_run_folder(folder: Path) -> Path:
 
 
 def recording_in(path: Path) -> Path:
-    """Find the recording meant by `path`: an .mcap file, a run's folder, or an experiment's folder (its latest run).
+    """Find the recording at `path`: an .mcap file, a run's folder, or an experiment's folder (its latest run).
 
     Raises:
         RecordingError: no recording found.
@@ -101,7 +101,7 @@ def recording_in(path: Path) -> Path:
 
 
 class Output:
-    """Append-only file that is renamed to `path` when it is complete.
+    """An append-only file that is renamed to `path` when it is complete.
 
     Attributes:
         path: path of the finished file.
@@ -111,7 +111,7 @@ class Output:
     """
 
     def __init__(self, path: Path) -> None:
-        """Create the partial file, replacing an existing one."""
+        """Create the partial file for appending, replacing an existing one."""
         self.path = path
         self.partial = path.with_name(path.name + PARTIAL_SUFFIX)
         self.size = 0
@@ -126,7 +126,7 @@ class Output:
         return self._file is None
 
     def append(self, data: bytes | Iterable[bytes]) -> int:
-        """Append all of `data`, in one piece or several, or nothing; return the offset at which it starts.
+        """Append all of `data` to the file, in one piece or several, or nothing; return its offset in the file.
 
         After a failure or an interrupt, the file is truncated to its size before `data` and closed.
 
@@ -153,13 +153,13 @@ class Output:
         return start
 
     def close(self) -> None:
-        """Close the file under its partial name."""
+        """Close the unfinished file under its partial name."""
         if self._file is not None:
             self._file.close()
             self._file = None
 
     def publish(self) -> None:
-        """Sync the file to disk, close it and rename it to its final name, replacing a file of that name.
+        """Finish the file: sync it to disk, close it and rename it to its final name, replacing a file of that name.
 
         Raises:
             RecordingWriteError: the disk or the folder refuses; the partial file stays.

@@ -85,7 +85,7 @@ BLANK_BITS = 0x7FC0_7749
 
 @dataclass(frozen=True)
 class Field:
-    """One quantity of a topic.
+    """A recorded quantity of a topic: name, size, type, unit and meaning.
 
     Attributes:
         name: a letter, then letters, digits and underscores: `tip_speed`.
@@ -115,7 +115,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Topic:
-    """A stream of messages of one type at one period.
+    """A recorded stream of messages of one type at one period.
 
     Attributes:
         name: topic name without the leading slash that it has in the file: `plant`, `drive/1`.
@@ -138,7 +138,7 @@ class Topic:
 
 
 def check_stream(name: str, period: int) -> None:
-    """Check the name and the period (ticks, 1 or more) of a stream of messages."""
+    """Check the name and the period (ticks, 1 or more) of a recorded stream of messages."""
     if not TOPIC_NAME.fullmatch(name):
         raise ValueError(f"topic name {name!r}: expected words joined by slashes, such as drive/1")
     if period < 1:
@@ -146,7 +146,7 @@ def check_stream(name: str, period: int) -> None:
 
 
 def message_names(topics: Sequence[Topic]) -> list[str]:
-    """Return the full names of the message types of `topics`, in their order; topics with the same fields share one.
+    """Return the full protobuf message names of `topics`, in their order; topics with the same fields share one.
 
     `drive/1` to `drive/3` become `twin.Drive`; a drive with other fields becomes `twin.Drive2`.
 
@@ -166,7 +166,7 @@ def message_names(topics: Sequence[Topic]) -> list[str]:
 
 
 def descriptor_set(message_name: str, fields: Sequence[Field]) -> bytes:
-    """Return the serialised FileDescriptorSet of the message type `message_name`; `fields` are numbered from 1."""
+    """Describe the message type `message_name` as a serialised protobuf FileDescriptorSet."""
     simple_name = message_name.removeprefix(f"{PROTO_PACKAGE}.")
     file = FileDescriptorProto(name=f"{PROTO_PACKAGE}/{simple_name}.proto", package=PROTO_PACKAGE, syntax="proto3")
     message = file.message_type.add(name=simple_name)
@@ -193,7 +193,7 @@ def _json_name(name: str) -> str:
 
 
 def descriptor_fields(message_name: str, descriptors: bytes) -> tuple[Field, ...]:
-    """Return the fields of the message type `message_name`; inverse of `descriptor_set`.
+    """Read the fields of message type `message_name` from its FileDescriptorSet; inverse of `descriptor_set`.
 
     Raises:
         ValueError: not a message type of numeric fields with units, meanings and sizes. google.protobuf's DecodeError
@@ -223,14 +223,14 @@ def descriptor_fields(message_name: str, descriptors: bytes) -> tuple[Field, ...
 
 
 def log_message(time: int, level: str, text: str, name: str) -> bytes:
-    """Encode a `foxglove.Log`, the message type of `/events`, at `time` (ns); `level`, `text`, `name`: see `Event`."""
+    """Encode an event as `foxglove.Log`, the message type of `/events`, at `time` (ns); see `Event`."""
     log = Log(level=Log.Level.Value(level.upper()), message=text, name=name)
     log.timestamp.FromNanoseconds(time)
     return log.SerializeToString(deterministic=True)
 
 
 def descriptors_of(message_type: Descriptor) -> bytes:
-    """Return the serialised FileDescriptorSet of an existing message type, preceded by the files it depends on."""
+    """Return the serialised FileDescriptorSet of an existing protobuf message type, with the files it depends on."""
     files: dict[str, FileDescriptor] = {}
 
     def collect(file: FileDescriptor) -> None:
@@ -275,7 +275,7 @@ def _fill(records, count, stride, template, times, first_sequence, rows, step, p
 
 
 class Filling:
-    """A template record and the places of its numbers; copies rows into records.
+    """A template of a message record and the places of its numbers, to write many records from rows quickly.
 
     Args:
         template: one record, (stride,) uint8, without sequence number, times and numbers.
@@ -287,7 +287,7 @@ class Filling:
         self._template_at, self._places_at = template.ctypes.data, places.ctypes.data
 
     def fill(self, to: int, times: int, count: int, first_sequence: int, rows: np.ndarray) -> bool:
-        """Write `count` records at address `to`; return whether all values for integer fields are integers.
+        """Write `count` message records at address `to`; return whether all values for integer fields are integers.
 
         Args:
             times: address of the log times, ns, (count,) int64.
@@ -305,11 +305,11 @@ class Filling:
         return whole != 0
 
     def __reduce__(self) -> tuple[type["Filling"], tuple[np.ndarray, np.ndarray]]:
-        """Pickle without addresses, which differ in another process."""
+        """Pickle the template without addresses, which differ in another process."""
         return Filling, (self.template, self._places)
 
     def records(self, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray | None:
-        """Return one record per element of `times`, (n, stride) uint8; None if a value for an integer field is not one.
+        """Make a message record per element of `times`, (n, stride) uint8; None if an integer field gets a fraction.
 
         Args:
             times: ns, (n,) integer.
@@ -323,7 +323,7 @@ class Filling:
 
 @dataclass(frozen=True)
 class MessageLayout:
-    """Layout of the bytes of one topic's Message records.
+    """Layout of the bytes of one topic's message records in the file.
 
     Attributes:
         filling: record with every number zero: tags, lengths and channel only.
@@ -339,12 +339,12 @@ class MessageLayout:
 
     @property
     def stride(self) -> int:
-        """Number of bytes from one record to the next."""
+        """Number of bytes from one message record to the next."""
         return self.values.itemsize
 
 
 def message_layout(channel: int, fields: Sequence[Field]) -> MessageLayout:
-    """Return the layout of the Message records of channel number `channel`; `fields` are numbered from 1."""
+    """Return the byte layout of the message records of channel number `channel`, with these `fields`."""
     record = bytearray(HEAD_SIZE)
     framing = [CONSTANT_HEAD]
     formats: list[np.dtype] = []
@@ -373,12 +373,12 @@ def message_layout(channel: int, fields: Sequence[Field]) -> MessageLayout:
 
 
 def head_dtype(stride: int) -> np.dtype:
-    """Return the structured dtype of the front of a Message record of `stride` bytes."""
+    """Return the structured dtype of the front (sequence number, times) of a message record of `stride` bytes."""
     return np.dtype({"names": HEAD_NAMES, "formats": HEAD_FORMATS, "offsets": HEAD_OFFSETS, "itemsize": stride})
 
 
 def record_template(channel: int, body: bytes) -> np.ndarray:
-    """Return a Message record of `body` on `channel`, (stride,) uint8, without sequence number and times."""
+    """Make a message record of `body` on `channel`, (stride,) uint8, without sequence number and times."""
     template = np.frombuffer(bytearray(HEAD_SIZE) + body, dtype=np.uint8)
     front = template.view(head_dtype(len(template)))
     front["opcode"], front["length"], front["channel"] = Opcode.MESSAGE, len(template) - RECORD_PREFIX, channel
@@ -388,7 +388,7 @@ def record_template(channel: int, body: bytes) -> np.ndarray:
 def message_records(
     layout: MessageLayout, fields: Sequence[Field], times: np.ndarray, first_sequence: int, rows: np.ndarray
 ) -> np.ndarray:
-    """Encode `rows` as Message records, (n, stride) uint8.
+    """Encode `rows` of numbers as MCAP message records, (n, stride) uint8.
 
     Args:
         fields: fields of the topic, in the order of the columns.
@@ -405,7 +405,7 @@ def message_records(
 
 
 def no_integer_message(fields: Sequence[Field], rows: np.ndarray) -> str:
-    """Return an error message about the first value of `rows` in an `int` field that is no integer."""
+    """Return the error message for the first value of `rows` that is not an integer but belongs to an `int` field."""
     start = 0
     for field in fields:
         values = rows[:, start : start + field.size]
@@ -427,13 +427,13 @@ def varint(number: int) -> bytes:
 
 
 def blank_value(column: int) -> float:
-    """Return the placeholder, in an example message, of the numbers of `column` of the rows."""
+    """Return the number that marks the place of `column` of the rows in an example message."""
     return struct.unpack("<d", struct.pack("<II", column, BLANK_BITS))[0]
 
 
 @dataclass(frozen=True)
 class MessageForm:
-    """A stream of messages that differ only in times and numbers.
+    """A recorded stream of messages of a viewer's type that differ only in times and numbers.
 
     Attributes:
         name: topic name without the leading slash that it has in the file: `tf`.
@@ -453,7 +453,7 @@ class MessageForm:
 
 
 def form_filling(channel: int, form: MessageForm) -> Filling:
-    """Return the record template of a message form on channel number `channel`, with the places of its numbers.
+    """Make the record template of a message form on channel number `channel`, with the places of its numbers.
 
     Raises:
         ValueError: a column has no blank in the example.
@@ -472,7 +472,7 @@ def form_filling(channel: int, form: MessageForm) -> Filling:
 
 
 def form_records(filling: Filling, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray:
-    """Encode `rows` as Message records of a form, (n, stride) uint8.
+    """Encode `rows` of numbers as message records of a form, (n, stride) uint8.
 
     Args:
         times: log times, ns, (n,) integer, from 0 to 2^34 s.
@@ -484,7 +484,7 @@ def form_records(filling: Filling, times: np.ndarray, first_sequence: int, rows:
 
 
 def _places(body: bytes, wanted: bytes) -> Iterator[int]:
-    """Yield the offsets of `wanted` in `body`, ascending."""
+    """Yield the offsets of all occurrences of the bytes `wanted` in a message `body`, ascending."""
     place = body.find(wanted)
     while place >= 0:
         yield place

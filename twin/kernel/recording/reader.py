@@ -39,7 +39,7 @@ TIME_ROUNDING = 2
 
 @dataclass(frozen=True, repr=False)
 class Stream:
-    """All messages of one numeric topic.
+    """All messages of one numeric topic of a recording.
 
     Attributes:
         fields: fields in the order of the file's schema.
@@ -52,18 +52,18 @@ class Stream:
 
     @property
     def head(self) -> np.ndarray:
-        """Sequence numbers and times (ns) of the records, structured (n,)."""
+        """Sequence numbers and times (ns) of the topic's records, structured (n,)."""
         return self.records.view(self.layout.head)[:, 0]
 
     @property
     def values(self) -> np.ndarray:
-        """Numbers of the records, structured (n,), one name per field."""
+        """Numbers of the topic's records, structured (n,), one name per field."""
         return self.records.view(self.layout.values)[:, 0]
 
 
 @dataclass(frozen=True, repr=False)
 class Recording:
-    """Contents of a recording's file: `recording["arm.tip"]`, `recording.time("arm")`.
+    """Contents of a recording: `recording["arm.tip"]`, `recording.time("arm")`.
 
     Attributes:
         streams: numeric topics by name, without the leading slash.
@@ -80,7 +80,7 @@ class Recording:
     note: str
 
     def __getitem__(self, key: str) -> np.ndarray:
-        """Return the values of `topic.field`: (n,), or (n, size) for a vector field; float64, int64 or bool.
+        """Return the values of series `topic.field`: (n,), or (n, size) for a vector; float64, int64 or bool.
 
         Raises:
             UnknownSeries: unknown topic or field; the error message suggests the nearest names.
@@ -92,15 +92,15 @@ class Recording:
         return np.ascontiguousarray(self.streams[topic].values[name])
 
     def __contains__(self, key: object) -> bool:
-        """Return whether the series `topic.field` exists."""
+        """Whether the recording has the series `topic.field`."""
         return key in self.fields()
 
     def __iter__(self) -> Iterator[str]:
-        """Iterate over the names of the series, `topic.field`, in the order of the file."""
+        """Iterate over the names of the recorded series, `topic.field`, in the order of the file."""
         return iter(self.fields())
 
     def keys(self) -> KeysView[str]:
-        """Return the names of the series; makes `dict(recording)` work."""
+        """Return the names of the recorded series; makes `dict(recording)` work."""
         return self.fields().keys()
 
     def time(self, topic: str) -> np.ndarray:
@@ -117,7 +117,7 @@ class Recording:
 
     @property
     def deviations(self) -> tuple[str, ...]:
-        """Reasons why the experiment alone does not reproduce this run, as sentences; empty if it does."""
+        """Reasons why the experiment alone does not reproduce the recorded run, as sentences; empty if it does."""
         stated = [
             f"{name} was substituted by {kind}: the experiment alone does not repeat this run"
             for name, kind in self.metadata.get("substituted", {}).items()
@@ -128,16 +128,16 @@ class Recording:
 
     @property
     def other_parts(self) -> tuple[str, ...]:
-        """Descriptions of third-party parts of the robot."""
+        """Descriptions of the third-party parts of the robot in the recorded run."""
         return tuple(escape_controls(text) for text in self.metadata.get("part", {}).values())
 
     def fields(self) -> dict[str, Field]:
-        """Return `topic.field` -> the field with its unit and meaning, in the order of the file."""
+        """Return each recorded series `topic.field` -> its field, with unit and meaning, in the order of the file."""
         return {f"{topic}.{f.name}": f for topic, stream in self.streams.items() for f in stream.fields}
 
 
 def read_metadata(path: Path) -> dict[str, dict[str, str]]:
-    """Read the metadata of the recording's file `path`, finished or not: name -> key -> text.
+    """Read the metadata of a recording's file, finished or not: name -> key -> text.
 
     Skips samples and checks nothing, unlike `read`.
 
@@ -155,7 +155,7 @@ def read_metadata(path: Path) -> dict[str, dict[str, str]]:
 
 
 def attachments(path: Path, media_type: str) -> Iterator[tuple[float, bytes]]:
-    """Yield (simulation time in s, content) of each complete attachment of `media_type` in the recording's file.
+    """Yield (simulation time in s, content) of each complete attachment of `media_type` in a recording.
 
     The file may be unfinished. Skips samples, and attachments that fail their CRC.
 
@@ -172,7 +172,7 @@ def attachments(path: Path, media_type: str) -> Iterator[tuple[float, bytes]]:
 
 
 def _record_bodies(path: Path, opcode: Opcode) -> Iterator[bytes]:
-    """Yield the body of each complete record of type `opcode` outside chunks; raises as `read_metadata`."""
+    """Yield the body of each complete MCAP record of type `opcode` outside chunks; raises as `read_metadata`."""
     with translate_disk_errors(path, "cannot be read", RecordingError), path.open("rb") as file:
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
             raise RecordingError(f"{path}: not an MCAP file, expected a recording of twin")
@@ -184,7 +184,7 @@ def _record_bodies(path: Path, opcode: Opcode) -> Iterator[bytes]:
 
 
 def _records(file: BinaryIO) -> Iterator[tuple[int, int]]:
-    """Yield (opcode, length) of each complete record after the magic, with `file` at the beginning of its body."""
+    """Yield (opcode, length) of each complete MCAP record after the magic, with `file` at the beginning of its body."""
     size, position = os.fstat(file.fileno()).st_size, len(MCAP0_MAGIC)
     while position + RECORD_PREFIX <= size:
         file.seek(position)
@@ -196,7 +196,7 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, int]]:
 
 
 def read(path: str | Path, *, salvage: bool = False) -> Recording:
-    """Read the recording at `path`, finished or not.
+    """Read a recording from its file, finished or not.
 
     An unfinished file is read up to its last complete chunk, and `complete` and `note` of the result report it.
 
@@ -281,7 +281,7 @@ def _read_file(path: Path, file: BinaryIO, salvage: bool) -> Recording:
 
 
 def _reach_text(streams: dict[str, Stream]) -> str:
-    """Return how far the messages of `streams` reach, as half a sentence."""
+    """Describe how far the messages of `streams` reach in time, as half a sentence."""
     ends = [stream.head["log_time"][-1] for stream in streams.values() if len(stream.records)]
     if not ends:
         return "up to its metadata, no chunk is complete"
@@ -289,7 +289,7 @@ def _reach_text(streams: dict[str, Stream]) -> str:
 
 
 def _shortfall(streams: Mapping[str, Stream], metadata: Mapping[str, Mapping[str, str]]) -> str:
-    """Describe missing samples of the run; "" if it is complete or its intended duration is unknown.
+    """Describe the samples that a recording lacks; "" if it is complete or its intended duration is unknown.
 
     Chunks can be removed from a file and the rest resealed, index included. Missing samples remain detectable because a
     run is recorded tick by tick, from 0 to the duration of its experiment.
@@ -322,7 +322,7 @@ def _shortfall(streams: Mapping[str, Stream], metadata: Mapping[str, Mapping[str
 
 
 def _start_time(metadata: Mapping[str, Mapping[str, str]]) -> int:
-    """Return the start time (ns) of a run that was restored from another run's state; 0 for any other run."""
+    """Return the start time (ns) of a recorded run that began from another run's state; 0 for any other run."""
     try:
         return max(0, round(float(metadata[CONTINUES_KEY]["time_s"]) * NS_PER_S))
     except (KeyError, ValueError, OverflowError):
@@ -330,7 +330,7 @@ def _start_time(metadata: Mapping[str, Mapping[str, str]]) -> int:
 
 
 def _duration(metadata: Mapping[str, Mapping[str, str]]) -> float | None:
-    """Return the duration of the run (s) according to its experiment; None if it is missing or invalid."""
+    """Return the intended duration of a recorded run (s) by its experiment; None if it is missing or invalid."""
     try:
         values = parse_json(metadata["experiment"]["values"], "")
         duration = float(values["duration_s"])

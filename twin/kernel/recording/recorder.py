@@ -28,7 +28,7 @@ BLOCK_TICKS = 100
 
 @dataclass(frozen=True)
 class RowStream:
-    """A topic of a recording, and the columns of a row with its values."""
+    """A topic of a recording, and the columns of a simulation's output row with its values."""
 
     topic: Topic
     columns: slice
@@ -41,7 +41,7 @@ def versions() -> dict[str, str]:
 
 
 class RowBlock:
-    """Rows of consecutive ticks and the events during them.
+    """A block of output rows of consecutive ticks, and the events during them, collected for writing.
 
     Args:
         size: maximum number of rows.
@@ -60,7 +60,7 @@ class RowBlock:
 
     @property
     def rows(self) -> np.ndarray:
-        """Rows of the block, (n, width); a view that `clear` invalidates."""
+        """Collected rows of the block, (n, width); a view that `clear` invalidates."""
         return self._memory[: self._count]
 
     @property
@@ -68,25 +68,25 @@ class RowBlock:
         return self._count == len(self._memory)
 
     def add(self, rows: np.ndarray, events: list[TickEvent]) -> None:
-        """Append the `rows` of one slice, at most the remaining room, and its `events`."""
+        """Append the rows of one slice to the block, at most the remaining room, and its events."""
         self._memory[self._count : self._count + len(rows)] = rows
         self._count += len(rows)
         self.events += events
 
     def clear(self) -> None:
-        """Begin the next block at the tick after the last row."""
+        """Empty the block; the next one begins at the tick after the last row."""
         self.first += self._count
         self._count = 0
         self.events = []
 
 
 def port_fields(ports: Iterable[Port]) -> tuple[Field, ...]:
-    """Return the fields of a message with the values of `ports`."""
+    """Return the fields of a recorded message with the values of `ports`."""
     return tuple(Field(port.name, port.size, port.kind, port.unit, port.meaning) for port in ports)
 
 
 class EventLog(Observer):
-    """Observer that collects all events of a run in `events`."""
+    """Observer of a simulation that collects all events in `events`."""
 
     def __init__(self) -> None:
         self.events: list[TickEvent] = []
@@ -105,7 +105,7 @@ class EventLog(Observer):
 
 
 class Recorder(EventLog):
-    """Observer that passes rows, drawings and events to `writer`, block by block.
+    """Observer that records a run: passes rows, drawings and events to `writer`, block by block.
 
     Args:
         streams: topics of `writer` with their columns.
@@ -147,27 +147,27 @@ class Recorder(EventLog):
         self.writing += time.perf_counter() - began
 
     def attach(self, tick: int, content: bytes, media_type: str) -> None:
-        """Write an attachment of the beginning of `tick`, after all rows recorded before."""
+        """Write an attachment to the recording for the beginning of `tick`, after all earlier rows."""
         began = time.perf_counter()
         self._write_block()
         self._writer.write_attachment(f"state_{tick}", tick, media_type, content)
         self.writing += time.perf_counter() - began
 
     def finish(self) -> Path:
-        """Finish the recording and return its path."""
+        """Finish the recording of the run and return its path."""
         began = time.perf_counter()
         recording = self._writer.finish()
         self.writing += time.perf_counter() - began
         return recording
 
     def end(self, request: EndRequest) -> None:
-        """Record a component's request to end the run as an event."""
+        """Record as an event that a component requested the end of the run."""
         event = TickEvent(max(0, self._simulation.next_tick - 1), "INFO", str(request), self._simulation.culprit)
         self.events.append(event)
         self._writer.write_event(event.tick, event.level, event.text, event.source)
 
     def abandon(self, failure: ComponentFailed) -> str:
-        """Record `failure` as the last event, abandon the recording, and return a message about both."""
+        """Record `failure` as the last event, close the recording unfinished, and return a message about both."""
         end = self._simulation.next_tick
         self._writer.write_event(end, "ERROR", str(failure), "cosim")
         until = max(0, end - 1) * self._simulation.system.tick

@@ -112,7 +112,7 @@ def _gather(content, table, count, channel, first_sequence, stride, gathered):
 
 
 class Records:
-    """The records in the content of a chunk.
+    """The MCAP records in the content of a chunk, located in a table.
 
     Args:
         content: bytes of the chunk, which must outlive this object.
@@ -155,7 +155,7 @@ class Records:
 
 @dataclass(eq=False)
 class Damage(Exception):
-    """Bytes that differ from those written.
+    """Error that bytes of a recording differ from those written.
 
     Attributes:
         position: offset in the file of the damaged record.
@@ -168,7 +168,7 @@ class Damage(Exception):
 
 @dataclass
 class Scan:
-    """Sequential reader of the records of a file.
+    """Sequential reader of the MCAP records of a recording's file, which checks them.
 
     Attributes:
         complete: after `contents` is exhausted, whether the file has the ending of a finished one.
@@ -184,7 +184,7 @@ class Scan:
     position: int = 0
 
     def contents(self) -> Iterator[tuple[int, bytes | Metadata]]:
-        """Yield the checked contents of chunks and the metadata records, each with its record's offset in the file.
+        """Yield the checked contents of chunks and the metadata records of the file, each with its record's offset.
 
         Ends where an unfinished file ends.
 
@@ -248,7 +248,7 @@ class Scan:
 
 
 def _parse_record(position: int, opcode: int, body: bytes) -> Header | Chunk | Metadata | Attachment | DataEnd:
-    """Parse `body`, which the record must fill exactly."""
+    """Parse an MCAP record's `body`, which the record must fill exactly."""
     if opcode not in RECORD_READERS:
         raise Damage(position, f"an unexpected record of kind {opcode}")
     try:
@@ -263,7 +263,7 @@ def _parse_record(position: int, opcode: int, body: bytes) -> Header | Chunk | M
 
 
 def _chunk_content(position: int, chunk: Chunk, most: int) -> bytes:
-    """Decompress `chunk` to at most `most` bytes and check its CRC."""
+    """Decompress an MCAP chunk to at most `most` bytes and check its CRC."""
     try:
         if chunk.compression != "zstd":
             raise ValueError("a chunk that is not compressed by zstd")
@@ -277,7 +277,7 @@ def _chunk_content(position: int, chunk: Chunk, most: int) -> bytes:
 
 @dataclass(frozen=True)
 class Event:
-    """An event of a recording.
+    """An event of a recorded run: time, level, text and component.
 
     Attributes:
         time: simulation time, s.
@@ -294,7 +294,7 @@ class Event:
 
 @dataclass
 class TopicSeries:
-    """The messages of one numeric topic in the order of the file.
+    """The messages of one numeric topic, collected in the order of the file.
 
     Attributes:
         fields: fields of the file's schema.
@@ -306,7 +306,7 @@ class TopicSeries:
     parts: list[np.ndarray] = field(default_factory=list)
 
     def all_records(self) -> np.ndarray:
-        """Concatenate all records, (n, stride) uint8, and check the bytes between the numbers."""
+        """Concatenate all records of the topic, (n, stride) uint8, and check the bytes between the numbers."""
         records = np.concatenate([np.empty((0, self.layout.stride), np.uint8), *self.parts])
         for part in self.layout.framing:
             if np.any(records[:, part] != self.layout.filling.template[part]):
@@ -316,7 +316,7 @@ class TopicSeries:
 
 @dataclass
 class Contents:
-    """Contents of a recording's chunks read so far.
+    """Schemas, channels and messages of a recording's chunks read so far.
 
     Attributes:
         series: numeric topics by channel number.
@@ -334,7 +334,7 @@ class Contents:
     _channels: dict[int, Channel] = field(default_factory=dict)
 
     def add(self, position: int, content: bytes) -> None:
-        """Add all messages of the chunk at `position` in the file; add nothing if a check fails.
+        """Add all messages of a chunk, which begins at `position` in the file; add nothing if a check fails.
 
         Raises:
             Damage: messages that precede the chunk's are missing.
@@ -371,7 +371,7 @@ class Contents:
         self.counts.update(counts)
 
     def _read_declarations(self, position: int, content: bytes, others: np.ndarray) -> dict[int, int]:
-        """Register the schemas and channels of a chunk; return channel number -> offset of its declaration.
+        """Register the schemas and channels in a chunk; return channel number -> offset of its declaration.
 
         Args:
             others: records that are no messages.
@@ -411,7 +411,7 @@ class Contents:
 
 
 def _body(content: bytes, record: np.ndarray) -> bytes:
-    """Return the body of a record, given by its row in the table of `content`."""
+    """Return the body of an MCAP record, given by its row in the table of `content`."""
     place, _, length = record[: LENGTH_COLUMN + 1].tolist()
     return content[place + RECORD_PREFIX : place + RECORD_PREFIX + length]
 

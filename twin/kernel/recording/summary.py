@@ -44,7 +44,7 @@ _Layout = tuple[tuple[int, int], ...]
 
 
 def make_chunk(content: memoryview | bytes, start: int, end: int, compressor: zstandard.ZstdCompressor) -> Chunk:
-    """Compress `content`, whose messages have log times from `start` to `end` (ns), into a chunk record."""
+    """Compress records, with messages from `start` to `end` (ns), into an MCAP chunk record."""
     return Chunk(
         compression="zstd",
         data=compressor.compress(content),
@@ -56,12 +56,12 @@ def make_chunk(content: memoryview | bytes, start: int, end: int, compressor: zs
 
 
 def unpack_allowance(size: int) -> int:
-    """Return the maximum decompressed size (bytes) of all chunks of a file of `size` bytes."""
+    """Return the maximum decompressed size (bytes) of all chunks of an MCAP file of `size` bytes."""
     return max(MIN_UNPACK_ALLOWANCE, MAX_UNPACK_RATIO * size)
 
 
 def decompress_chunk(chunk: Chunk, most: int, largest: int = MAX_CHUNK_BYTES) -> bytes:
-    """Decompress `chunk` of any writer: at most `most` bytes, compressed by zstd, LZ4 or uncompressed.
+    """Decompress an MCAP chunk of any writer: at most `most` bytes, compressed by zstd, LZ4 or uncompressed.
 
     Args:
         most: remaining allowance of the file (bytes).
@@ -109,7 +109,7 @@ def encode_record(record: McapRecord) -> bytes:
 
 @dataclass
 class Summary:
-    """Records of the summary section for everything written so far.
+    """Records of an MCAP file's summary section (indexes and statistics) for everything written so far.
 
     Attributes:
         schemas: schemas written in the first chunk.
@@ -134,7 +134,7 @@ class Summary:
         recording."""
 
     def note_chunk(self, chunk: Chunk, start: int, length: int, indexes: dict[int, bytes]) -> None:
-        """Index a chunk written at byte `start` with `length`; its message indexes follow directly."""
+        """Index an MCAP chunk written at byte `start` with `length`; its message indexes follow directly."""
         layout = tuple((channel, len(index)) for channel, index in indexes.items())
         self._of_chunks.append(self._layouts.setdefault(layout, layout))
         self.chunks.append(
@@ -152,7 +152,7 @@ class Summary:
         )
 
     def statistics(self) -> Statistics:
-        """Return counts and time span (ns) of everything written."""
+        """Return the MCAP statistics record: counts and time span (ns) of everything written."""
         return Statistics(
             attachment_count=len(self.attachments),
             channel_count=len(self.channels),
@@ -166,7 +166,7 @@ class Summary:
         )
 
     def ending(self, data_size: int, data_crc: int) -> Iterator[bytes]:
-        """Yield DataEnd, summary section, footer and magic, record by record.
+        """Yield the records that end an MCAP file: DataEnd, summary section, footer and magic.
 
         Args:
             data_size: bytes before them.
@@ -201,6 +201,6 @@ class Summary:
 
 
 def _locate_indexes(chunk: ChunkIndex, layout: _Layout) -> ChunkIndex:
-    """Return `chunk` with the offsets of its message indexes."""
+    """Return the index record of a chunk, completed by the file offsets of its message indexes."""
     ends = accumulate((size for _, size in layout), initial=chunk.chunk_start_offset + chunk.chunk_length)
     return replace(chunk, message_index_offsets={channel: end for (channel, _), end in zip(layout, ends, strict=False)})

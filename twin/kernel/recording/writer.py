@@ -59,7 +59,7 @@ MIN_CHUNK_BYTES = 64 * 1024
 
 
 class BlockShape(NamedTuple):
-    """Shape of a block of records: channel, number of messages, and bytes per record."""
+    """Shape of a block of message records: channel, number of messages, and bytes per record."""
 
     channel: int
     messages: int
@@ -80,7 +80,7 @@ class PendingMessages:
         self.clear()
 
     def reserve(self, size: int) -> int:
-        """Return the address of the next block, with room for at least `size` bytes."""
+        """Return the address for the next block of message records, with room for at least `size` bytes."""
         if self.size + size > len(self._memory):
             larger = np.empty(2 * (self.size + size), dtype=np.uint8)
             larger[: self.size] = self._memory[: self.size]
@@ -88,19 +88,19 @@ class PendingMessages:
         return self.address + self.size
 
     def add_block(self, channel: int, times: np.ndarray, stride: int) -> None:
-        """Register the records written after `reserve` as a block: a record of `stride` bytes per time."""
+        """Register the message records written after `reserve` as a block: `stride` bytes per time."""
         self.shapes.append(BlockShape(channel, len(times), stride))
         self.times.append(times)
         self.size += len(times) * stride
 
     def append_records(self, channel: int, times: np.ndarray, records: np.ndarray) -> None:
-        """Append a block of `records`, (n, stride) uint8."""
+        """Append a block of message records, (n, stride) uint8."""
         self.reserve(records.size)
         self._memory[self.size : self.size + records.size] = records.reshape(-1)
         self.add_block(channel, times, records.shape[1])
 
     def clear(self) -> None:
-        """Remove all blocks; their memory is reused."""
+        """Remove all blocks of message records; their memory is reused."""
         self.shapes: list[BlockShape] = []
         self.times: list[np.ndarray] = []
         self.size = 0
@@ -111,7 +111,9 @@ class PendingMessages:
 
 @dataclass(frozen=True)
 class Piece:
-    """Consecutive messages that become one chunk. Times are relative to the first of the merged messages.
+    """Consecutive message records that become one chunk. Times are relative to the first of the merged messages.
+
+    Times are relative to the first of the merged messages.
 
     Attributes:
         content: range of its bytes in the merged records.
@@ -128,7 +130,7 @@ class Piece:
     channels: tuple[tuple[int, bytes, slice], ...]
 
     def indexes(self, begin: int, shift: int) -> dict[int, bytes]:
-        """Encode the MessageIndex records by channel.
+        """Encode the MCAP MessageIndex records of the chunk, by channel.
 
         Built from arrays: mcap's own MessageIndex packs entry by entry and would dominate the cost of writing.
 
@@ -141,7 +143,7 @@ class Piece:
 
 
 class MergedRecords(NamedTuple):
-    """Records merged in order of time; records of equal time in the order of their blocks.
+    """Message records of several channels merged in order of time.
 
     Attributes:
         begin: log time of the first message, ns.
@@ -156,7 +158,7 @@ class MergedRecords(NamedTuple):
 
 
 def merge_by_time(pending: PendingMessages) -> MergedRecords:
-    """Merge the records of `pending`, at least one, in order of time, and clear it."""
+    """Merge the message records in `pending`, at least one, in order of time, and clear it."""
     times = np.concatenate(pending.times)
     begin = times.min()
     made = _merge_order if len(times) <= MAX_CACHED_MESSAGES else _merge_order.__wrapped__
@@ -180,7 +182,7 @@ def _scatter(content, source, blocks, number, places, messages):
 
 
 class _MergeOrder:
-    """Merge order of the records of some blocks.
+    """Order of message records of some blocks, merged by time.
 
     Args:
         places: destination offset of each record, block after block, (n,) int64.
@@ -198,7 +200,7 @@ class _MergeOrder:
 
 @lru_cache(MAX_CACHED_ORDERS)
 def _merge_order(shapes: tuple[BlockShape, ...], times: bytes) -> _MergeOrder:
-    """Compute the merge order of blocks whose `times`, (n,) int64, are relative to the first message."""
+    """Compute the order by time of message blocks whose `times`, (n,) int64, are relative to the first message."""
     counts = [shape.messages for shape in shapes]
     since = np.frombuffer(times, dtype=np.int64)
     order = np.argsort(since, kind="stable")
@@ -231,7 +233,7 @@ def _piece(since: np.ndarray, channels: np.ndarray, offsets: np.ndarray) -> Piec
 
 @dataclass
 class OpenTopic:
-    """Writing state of a topic.
+    """State of a topic while a recording is written.
 
     Attributes:
         period: ticks from one message to the next.
@@ -250,7 +252,7 @@ class OpenTopic:
 
     @classmethod
     def from_topic(cls, topic: Topic | MessageForm, channel: int) -> Self:
-        """Create the writing state of `topic` on channel number `channel`."""
+        """Create the writing state of `topic` on MCAP channel number `channel`."""
         if isinstance(topic, MessageForm):
             return cls(channel, topic.period, topic.width, form_filling(channel, topic), ())
         width = sum(field.size for field in topic.fields)
@@ -259,7 +261,7 @@ class OpenTopic:
 
 @dataclass(frozen=True)
 class ForeignTopic:
-    """A topic whose messages are recorded unchanged, in the encoding of their sender.
+    """A recorded topic whose messages are stored unchanged, in the encoding of their sender.
 
     Attributes:
         name: topic name as received: `/joint_states`.
@@ -275,7 +277,7 @@ class ForeignTopic:
 
 
 class Writer:
-    """Writer of a recording: writes `NAME.mcap.partial` and renames it to `NAME.mcap` when finished.
+    """Writer of a recording (MCAP file): writes `NAME.mcap.partial` and renames it to `NAME.mcap` when finished.
 
     Times in the file are simulation time from 0, and neither clock nor machine is recorded, so equal input gives equal
     bytes. As a context manager it finishes on a normal exit and abandons on an exception. Every method that writes
@@ -291,7 +293,7 @@ class Writer:
         forms: Sequence[MessageForm] = (),
         others: Sequence[ForeignTopic] = (),
     ) -> None:
-        """Create the partial file and write its header and metadata.
+        """Create the partial file of a recording and write its header and metadata.
 
         Args:
             path: path of the finished file.
@@ -331,7 +333,7 @@ class Writer:
             self.write_metadata(name, entries)
 
     def write(self, topic: str, first_tick: int, rows: np.ndarray) -> None:
-        """Record rows of `topic` for the ticks first_tick, first_tick + period, ...
+        """Record rows of numbers of `topic`, for the evenly spaced ticks from `first_tick` on.
 
         Call once per topic and slice of time; a second call for a topic begins the next slice. Messages of a slice are
         in order of time across topics, at equal times in the order of the calls.
@@ -402,7 +404,7 @@ class Writer:
             self._pending.append_records(channel, times, records)
 
     def write_event(self, tick: int, level: str, text: str, name: str) -> None:
-        """Record an event at `tick` as a `foxglove.Log` on `/events`, no earlier than the previous event.
+        """Record an event at `tick` as a `foxglove.Log` message on `/events`, no earlier than the previous event.
 
         Args:
             level, text, name: see `Event`.
@@ -416,13 +418,13 @@ class Writer:
         self._pending.append_records(channel, times, np.frombuffer(record, dtype=np.uint8)[None, :])
 
     def write_metadata(self, name: str, entries: Mapping[str, str]) -> None:
-        """Write a metadata record immediately, before messages still buffered."""
+        """Write a metadata record to the recording immediately, before messages still buffered."""
         record = encode_record(Metadata(name, dict(entries)))
         start = self._output.append(record)
         self._summary.metadata.append(MetadataIndex(start, len(record), name))
 
     def write_attachment(self, name: str, tick: int, media_type: str, content: bytes) -> None:
-        """Write an attachment of `tick` after all buffered messages."""
+        """Write an attachment of `tick` to the recording after all buffered messages."""
         self._write_chunks()
         time = int(self._times(np.array([tick]))[0])
         record = encode_record(Attachment(0, time, name, media_type, content))
@@ -430,7 +432,7 @@ class Writer:
         self._summary.attachments.append(AttachmentIndex(start, len(record), time, 0, len(content), name, media_type))
 
     def finish(self) -> Path:
-        """Write buffered messages, index and footer, sync the file to disk, rename it and return its path.
+        """Finish the recording: write buffered messages, index and footer, sync to disk, rename and return its path.
 
         Raises:
             RecordingWriteError: disk full or recording closed; the partial file stays, readable.
@@ -441,7 +443,7 @@ class Writer:
         return self._output.path
 
     def abandon(self) -> Path:
-        """Write buffered messages, close the file under its partial name and return its path; no effect if closed.
+        """Write buffered messages, close the unfinished recording and return its partial path; no effect if closed.
 
         Raises:
             RecordingWriteError: disk full; the file is closed all the same.
@@ -467,12 +469,12 @@ class Writer:
             self.finish()
 
     def flush(self) -> None:
-        """Write all buffered messages to the file, so that they survive the end of this process."""
+        """Write all buffered messages of the recording to the file, so that they survive the end of this process."""
         self.end_slice()
         self._write_chunks()
 
     def _append_rows(self, opened: OpenTopic, times: np.ndarray, times_at: int, rows: np.ndarray) -> None:
-        """Append records of `rows` at `times` (ns), whose address is `times_at`."""
+        """Append message records of `rows` at `times` (ns), whose address is `times_at`."""
         count, counts, stride = len(rows), self._summary.message_counts, len(opened.filling.template)
         to = self._pending.reserve(count * stride)
         if not opened.filling.fill(to, times_at, count, counts[opened.channel], rows):
@@ -485,13 +487,13 @@ class Writer:
         return np.rint(ticks * (self.tick * NS_PER_S)).astype(np.int64)
 
     def _ascending_times(self, channel: int, ticks: Sequence[int]) -> np.ndarray:
-        """Compute log times no earlier than the channel's last one, so that times ascend like sequence numbers."""
+        """Compute ascending log times (ns) for `ticks`, no earlier than the channel's last one."""
         times = np.maximum.accumulate([self._newest.get(channel, 0), *self._times(np.array(ticks)).tolist()])[1:]
         self._newest[channel] = int(times[-1])
         return times
 
     def end_slice(self) -> None:
-        """End the slice, and write the pending messages if they fill a chunk."""
+        """End the slice of time being written, and write the pending messages if they fill a chunk."""
         self._slice_topics.clear()
         self._slice_times.clear()
         if self._pending.size >= MIN_CHUNK_BYTES:
@@ -504,7 +506,7 @@ class Writer:
 def append_chunks(
     output: Output, summary: Summary, pending: PendingMessages, compressor: zstandard.ZstdCompressor
 ) -> None:
-    """Write the `pending` messages to the file as chunks with their indexes, and note them in `summary`.
+    """Write the `pending` messages to the MCAP file as chunks with their indexes, and note them in `summary`.
 
     A failed write, because the disk is full or the recording is closed, loses the pending messages.
     """
@@ -525,7 +527,7 @@ def append_chunks(
 
 
 class Declaration(NamedTuple):
-    """Declaration of a topic: name, message type, FileDescriptorSet of the type, field -> unit and meaning."""
+    """Declaration of a recorded topic: name, message type, FileDescriptorSet of the type, field -> unit and meaning."""
 
     topic: str
     type_name: str
@@ -534,7 +536,7 @@ class Declaration(NamedTuple):
 
 
 def declarations(topics: Sequence[Topic], forms: Sequence[MessageForm]) -> Iterator[Declaration]:
-    """Yield the declarations of `topics` and `forms` in their order, and last of `/events`."""
+    """Yield the declarations of the recorded `topics` and `forms` in their order, and last of `/events`."""
     for topic, name in zip(topics, message_names(topics), strict=True):
         meanings = {field.name: f"{field.unit}; {field.meaning}" for field in topic.fields}
         yield Declaration(topic.name, name, descriptor_set(name, topic.fields), meanings)
@@ -543,7 +545,7 @@ def declarations(topics: Sequence[Topic], forms: Sequence[MessageForm]) -> Itera
 
 
 def _declare_topics(topics: Sequence[Topic], forms: Sequence[MessageForm]) -> tuple[list[Schema], list[Channel]]:
-    """Create the schemas and channels of all `declarations`; ids count from 1."""
+    """Create the MCAP schemas and channels of all `declarations`; ids count from 1."""
     schemas: dict[str, Schema] = {}
     channels: list[Channel] = []
     for topic, type_name, descriptors, meanings in declarations(topics, forms):
@@ -553,7 +555,7 @@ def _declare_topics(topics: Sequence[Topic], forms: Sequence[MessageForm]) -> tu
 
 
 def _declare_others(others: Sequence[ForeignTopic], schemas: list[Schema], channels: list[Channel]) -> dict[str, int]:
-    """Append the schemas and channels of `others` to the lists; return the channel numbers by topic.
+    """Append MCAP schemas and channels for the topics `others` to the lists; return the channel numbers by topic.
 
     A topic with the name of one of twin's topics gets `/robot` before its name.
     """

@@ -18,7 +18,7 @@ MAX_BINDINGS = 1_000_000
 
 
 class UnitStep(NamedTuple):
-    """A step in the transfer of a value: conversion to the target unit, then a transformation.
+    """A step in the transfer of a value over SSP connections: conversion to the target unit, then a transformation.
 
     Attributes:
         transformation: transformation of a connection or a mapping entry.
@@ -33,7 +33,7 @@ class UnitStep(NamedTuple):
 
 @dataclass(frozen=True)
 class Lead:
-    """A connection from an output of a component to an input of another one, with its conversions.
+    """A connection of a flattened SSP system, from a component's output to a component's input, with its conversions.
 
     Attributes:
         start, end: component path and connector.
@@ -47,7 +47,7 @@ class Lead:
 
 @dataclass(frozen=True)
 class AssignedValue:
-    """A parameter value assigned to a variable of a component, with its conversions.
+    """A value of a parameter set assigned to a variable of a component, with its conversions.
 
     Attributes:
         value: value in the parameter set.
@@ -62,7 +62,7 @@ class AssignedValue:
 
 @dataclass(frozen=True)
 class FlatSystem:
-    """A system without subsystems.
+    """An SSP system whose subsystems are dissolved into one list of components and connections.
 
     Attributes:
         components: by path ("motor", "arm.motor"), in file order.
@@ -82,7 +82,7 @@ class FlatSystem:
 
 
 def flatten(structure: ssp.Structure, where: str) -> FlatSystem:
-    """Flatten the systems of `structure` into one list of components and connections.
+    """Flatten the nested systems of an SSP structure into one list of components and connections.
 
     Args:
         where: prefix of error messages.
@@ -151,7 +151,7 @@ class _Flattener:
     def _orient(
         self, connection: ssp.Connection, path: str, system: ssp.SspSystem
     ) -> tuple[ssp.Endpoint, ssp.Endpoint]:
-        """Return (source, sink) of a connection; SSP derives the direction from the kinds of the connectors."""
+        """Return (source, sink) of an SSP connection, derived from the kinds of its connectors."""
         start, end = (self._node(at, path, system) for at in (connection.start, connection.end))
         gives = [self._gives(at, inside) for at, inside in ((start, connection.start), (end, connection.end))]
         if None not in gives and gives[0] == gives[1]:
@@ -163,7 +163,7 @@ class _Flattener:
         return (end, start) if gives[0] is False or gives[1] is True else (start, end)
 
     def _gives(self, node: ssp.Endpoint, stated: ssp.Endpoint) -> bool | None:
-        """Return True if a connector is a source at this connection, False if a sink, None if not stated."""
+        """Whether a connector is a source at an SSP connection (True), a sink (False), or does not state it (None)."""
         within = self._systems.get(node.element)
         owner = within or self._components[node.element]
         found = owner.connector_of.get(node.connector)
@@ -199,7 +199,7 @@ class _Flattener:
         return found
 
     def _lead(self, end: ssp.Endpoint) -> Lead | None:
-        """Return the connection that ends at `end`; None if it starts at a connector of the outermost system."""
+        """Return the connection between components that ends at `end`; None if it starts outside the system."""
         hops: list[UnitStep] = []
         node, seen = end, {end}
         while node in self._into:
@@ -256,7 +256,7 @@ class _Flattener:
     def _resolve(
         self, name: str, path: str, hops: tuple[UnitStep, ...]
     ) -> Iterator[tuple[ssp.Endpoint, tuple[UnitStep, ...]]]:
-        """Yield the component variables that `name`, relative to the component or system at `path`, refers to."""
+        """Yield the component variables that a parameter `name`, relative to `path`, refers to."""
         if path in self._components:
             yield ssp.Endpoint(path, name), hops
             return
@@ -274,7 +274,7 @@ class _Flattener:
     def _forward(
         self, start: ssp.Endpoint, hops: tuple[UnitStep, ...]
     ) -> Iterator[tuple[ssp.Endpoint, tuple[UnitStep, ...]]]:
-        """Yield the component inputs that a system connector feeds; at most one path leads to each."""
+        """Yield the component inputs that a system's connector feeds; at most one path leads to each."""
         seen, ahead = {start}, [(start, hops)]
         while ahead:
             self._budget.spend()

@@ -26,7 +26,7 @@ MAX_FMU_SIZE = 512 << 20
 
 @dataclass(frozen=True)
 class Package:
-    """A system read from files: its structure, and access to its FMUs and tables.
+    """A system read from an archive or files: its structure, and access to its FMUs and tables.
 
     Attributes:
         file: archive, or the file that names the other files of the system.
@@ -48,13 +48,13 @@ class Package:
     omissions: tuple[str, ...] = ()
 
     def entry(self, source: str) -> str:
-        """Return the entry that a URI of the structure refers to; "" if it is not a file of this package."""
+        """Return the package's entry that a URI of the structure refers to; "" if it is not a file of this package."""
         if self.loose:
             return source if source in self.entries else ""
         return entry_of(source, self.entries, STRUCTURE_FILE)
 
     def content(self, entry: str) -> bytes:
-        """Read the content of an entry, an FMU or a table of at most `MAX_FMU_SIZE`."""
+        """Read the content of a package's entry, an FMU or a table of at most `MAX_FMU_SIZE`."""
         if self.loose:
             return read_bytes(self.loose[entry], MAX_FMU_SIZE)
         return read_entry(self.file, entry, MAX_FMU_SIZE)
@@ -68,7 +68,7 @@ def loose_package(
     scheme: Scheme = "gauss_seidel",
     unsaid: tuple[str, ...] = (),
 ) -> Package:
-    """Make a package of files that are in no archive.
+    """Make a package of a system's files that are in no archive.
 
     Args:
         file, structure, form, scheme, unsaid: attributes of the `Package`; `unsaid` are its omissions.
@@ -111,7 +111,7 @@ def read_package(file: Path) -> Package:
 
 
 def _scheme(structure: Structure, where: str) -> Scheme:
-    """Return the coupling scheme from the annotation of the system; "gauss_seidel" without one."""
+    """Return the coupling scheme from the annotation of an SSP system; "gauss_seidel" without one."""
     for note in structure.system.annotations:
         if note.type == SCHEME_ANNOTATION and note.content:
             name = parse_xml(note.content.encode(), f"{where}: annotation {SCHEME_ANNOTATION}").get("name", "")

@@ -32,7 +32,7 @@ for prefix, namespace in (("ssc", SSC), ("ssd", SSD), ("ssv", SSV), ("ssm", SSM)
 
 
 def parameter_set(content: bytes, where: str, source: str = "") -> ssp.ParameterSet:
-    """Read a parameter set from the content of an SSV file.
+    """Read an SSP parameter set from the content of an SSV file.
 
     Args:
         where: prefix of error messages.
@@ -45,7 +45,7 @@ def parameter_set(content: bytes, where: str, source: str = "") -> ssp.Parameter
 
 
 def parameter_set_of(root: ET.Element, where: str, source: str = "") -> ssp.ParameterSet:
-    """Read a parameter set from its XML element.
+    """Read an SSP parameter set from its XML element.
 
     Raises:
         InputRefused: another element, a parameter without a name or with a repeated one, or a value that is not a
@@ -77,7 +77,7 @@ def parameter_set_of(root: ET.Element, where: str, source: str = "") -> ssp.Para
 
 
 def mapping_of(root: ET.Element, where: str, source: str = "") -> ssp.ParameterMapping:
-    """Read a parameter mapping from its XML element."""
+    """Read an SSP parameter mapping from its XML element."""
     if ssp.local_name(root) != "ParameterMapping":
         raise InputRefused(f"{where}: <{ssp.local_name(root)}>; expected <ParameterMapping>, an SSM file")
     found = child_elements(root, "MappingEntry")
@@ -98,7 +98,7 @@ def mapping_of(root: ET.Element, where: str, source: str = "") -> ssp.ParameterM
 
 
 def values_of(element: ET.Element, type_: str, where: str) -> tuple[float, ...] | tuple[str, ...]:
-    """Return the values of a typed element such as <Real value="1.5"/>."""
+    """Return the values of a typed XML element such as <Real value="1.5"/>."""
     text = element.get("value")
     if type_ in TEXT_TYPES:
         # an array of text has a <Value> element for each item
@@ -123,7 +123,7 @@ def _number(text: str, type_: str, where: str) -> float:
 
 
 class Resource(NamedTuple):
-    """A file of the archive: content, entry name, and prefix of error messages."""
+    """A file of an SSP archive: content, entry name, and prefix of error messages."""
 
     content: bytes
     entry: str
@@ -135,7 +135,7 @@ ResourceLoader = Callable[[str, str], Resource]
 
 
 def structure_of(content: bytes, where: str, load: ResourceLoader) -> ssp.Structure:
-    """Parse the content of a SystemStructure.ssd.
+    """Parse the content of an SSP file's SystemStructure.ssd.
 
     Args:
         where: prefix of error messages.
@@ -330,7 +330,7 @@ class _SystemReader:
 
 
 def structure_xml(structure: ssp.Structure) -> bytes:
-    """Write a SystemStructure.ssd (UTF-8); parameter sets and mappings with a source are referenced, others inlined."""
+    """Write an SSP structure as SystemStructure.ssd (UTF-8); sets with a source are referenced, others inlined."""
     root = ET.Element(f"{SSD}SystemStructureDescription", {"version": VERSION, "name": structure.name})
     root.attrib.update(_metadata(structure.metadata))
     _append_system(root, structure.system)
@@ -351,7 +351,7 @@ def structure_xml(structure: ssp.Structure) -> bytes:
 
 
 def parameter_set_xml(values: ssp.ParameterSet) -> bytes:
-    """Write the SSV file of a parameter set (UTF-8)."""
+    """Write an SSP parameter set as the content of an SSV file (UTF-8)."""
     return _bytes(_parameter_set(values))
 
 
@@ -414,7 +414,7 @@ def _append_interface(parent: ET.Element, element: ssp.SspComponent | ssp.SspSys
 def _append_all(
     parent: ET.Element, tag: str, items: Sequence[Item], append: Callable[[ET.Element, Item], None]
 ) -> None:
-    """Append `items` in an enclosing element; omitted if there are no items, as the schema forbids empty lists."""
+    """Append `items` in an enclosing XML element; omitted if there are no items, as the schema forbids empty lists."""
     if items:
         inside = ET.SubElement(parent, f"{SSD}{tag}")
         for item in items:
@@ -475,7 +475,7 @@ def _parameter_set(values: ssp.ParameterSet) -> ET.Element:
 
 
 def _text(value: ssp.ParameterValue) -> str:
-    """Return the text of a scalar value in an SSV file."""
+    """Format a scalar parameter value as the text of an SSV file."""
     (one,) = value.values
     if isinstance(one, str):
         return one

@@ -62,7 +62,7 @@ class Annotation:
 
 @dataclass(frozen=True)
 class Metadata:
-    """Metadata of a file (SSP 1.0, 4.4.2); "" if not stated. `generated` is an xs:dateTime."""
+    """Metadata of an SSP file (SSP 1.0, 4.4.2); "" if not stated. `generated` is an xs:dateTime."""
 
     description: str = ""
     author: str = ""
@@ -75,7 +75,7 @@ class Metadata:
 
 @dataclass(frozen=True)
 class UnitDefinition:
-    """A unit that a file defines: SI value = factor * value + offset, in the base units of `dimension`."""
+    """A unit that an SSP file defines: SI value = factor * value + offset, in the base units of `dimension`."""
 
     name: str
     dimension: Dimension
@@ -85,7 +85,7 @@ class UnitDefinition:
 
 @dataclass(frozen=True)
 class Transformation:
-    """A transformation of a value after unit conversion: factor * value + offset.
+    """A transformation of a connection's value after unit conversion: factor * value + offset.
 
     Attributes:
         factor, offset: coefficients of a LinearTransformation.
@@ -103,7 +103,7 @@ IDENTITY_TRANSFORMATION = Transformation()
 
 @dataclass(frozen=True)
 class ParameterValue:
-    """A value for a parameter or another variable that can be set before a run.
+    """A value that SSP assigns to a parameter or another variable before a run.
 
     Attributes:
         name: relative to the component or system it is for: "plant.k_s".
@@ -123,7 +123,7 @@ class ParameterValue:
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """A parameter set, with the `units` that its values use.
+    """An SSP parameter set, with the `units` that its values use.
 
     Attributes:
         source: its file in the archive, "resources/plant.ssv"; "" if it is part of the structure.
@@ -139,7 +139,7 @@ class ParameterSet:
 
 @dataclass(frozen=True)
 class MappingEntry:
-    """A parameter of the set (`source`) and the variable that receives its value (`target`)."""
+    """An entry of a parameter mapping: a parameter of the set (`source`) and the variable that receives its value."""
 
     source: str
     target: str
@@ -149,7 +149,7 @@ class MappingEntry:
 
 @dataclass(frozen=True)
 class ParameterMapping:
-    """A map from parameters to variables with other names.
+    """An SSP parameter mapping: from parameters to variables with other names.
 
     Attributes:
         source: its file in the archive; "" if it is part of the structure.
@@ -161,7 +161,7 @@ class ParameterMapping:
 
     @cached_property
     def entries_of(self) -> dict[str, list[MappingEntry]]:
-        """Entries by source; a value may have several targets."""
+        """Mapping entries by source; a value may have several targets."""
         found: dict[str, list[MappingEntry]] = {}
         for entry in self.entries:
             found.setdefault(entry.source, []).append(entry)
@@ -170,7 +170,7 @@ class ParameterMapping:
 
 @dataclass(frozen=True)
 class ParameterBinding:
-    """Parameter values for a component or for all components of a system.
+    """Assignment of parameter values to an SSP component, or to all components of a system.
 
     Attributes:
         prefix: prepended to the name of each value.
@@ -204,22 +204,22 @@ class ParseBudget:
 
 
 def local_name(element: ET.Element) -> str:
-    """Return the name of an element without its namespace."""
+    """Return the name of an XML element without its namespace."""
     return element.tag.rpartition("}")[2]
 
 
 def child_elements(element: ET.Element | None, name: str) -> list[ET.Element]:
-    """Return the children called `name`; empty if `element` is None."""
+    """Return the child elements called `name` of an XML element; empty if the element is None."""
     return [] if element is None else [child for child in element if local_name(child) == name]
 
 
 def grouped_children(element: ET.Element, group: str, name: str) -> list[ET.Element]:
-    """Return the children called `name` of all children called `group`."""
+    """Return the child elements called `name` inside all child elements called `group`."""
     return [child for part in child_elements(element, group) for child in child_elements(part, name)]
 
 
 def required_attribute(element: ET.Element, attribute: str, where: str) -> str:
-    """Return the value of a mandatory attribute; refuse a missing or empty one."""
+    """Return the value of a mandatory XML attribute; refuse a missing or empty one."""
     found = element.get(attribute, "")
     if not found:
         raise InputRefused(f"{where}: a <{local_name(element)}> without {attribute}")
@@ -227,7 +227,7 @@ def required_attribute(element: ET.Element, attribute: str, where: str) -> str:
 
 
 def require_unique(names: Iterable[str], what: str, where: str) -> None:
-    """Check that all names differ; refuse a repeated one."""
+    """Refuse repeated names in a list."""
     seen: set[str] = set()
     for name in names:
         if name in seen:
@@ -236,7 +236,7 @@ def require_unique(names: Iterable[str], what: str, where: str) -> None:
 
 
 def number_attribute(element: ET.Element, attribute: str, where: str, default: float) -> float:
-    """Return an attribute as a finite number, `default` if it is missing; refuse other text."""
+    """Return an XML attribute as a finite number, `default` if it is missing; refuse other text."""
     text = element.get(attribute)
     return default if text is None else parse_finite(text, f"{where}: <{local_name(element)}> {attribute}")
 
@@ -253,7 +253,7 @@ def parse_finite(text: str, where: str) -> float:
 
 
 def boolean_attribute(element: ET.Element, attribute: str, where: str) -> bool:
-    """Whether the attribute is true (default false)."""
+    """Whether an XML attribute is true (default false)."""
     text = element.get(attribute, "false").strip()
     if text not in BOOLEAN_VALUES:
         raise InputRefused(f"{where}: <{local_name(element)}> {attribute} = '{text[:40]}'; expected true or false")
@@ -261,12 +261,12 @@ def boolean_attribute(element: ET.Element, attribute: str, where: str) -> bool:
 
 
 def metadata_of(root: ET.Element) -> Metadata:
-    """Return the metadata in the attributes of a file's root element."""
+    """Return the metadata in the attributes of an SSP file's root element."""
     return Metadata(*(root.get(name, "") for name in METADATA_ATTRIBUTES))
 
 
 def annotations_of(element: ET.Element) -> tuple[Annotation, ...]:
-    """Return the annotations of an element; of each, only the first child element is kept."""
+    """Return the annotations of an SSP element; of each, only the first child element is kept."""
     return tuple(
         Annotation(one.get("type", ""), ET.tostring(one[0], encoding="unicode").strip() if len(one) else "")
         for one in grouped_children(element, "Annotations", "Annotation")
@@ -274,7 +274,7 @@ def annotations_of(element: ET.Element) -> tuple[Annotation, ...]:
 
 
 def units_of(root: ET.Element, where: str) -> tuple[UnitDefinition, ...]:
-    """Return the unit definitions of a file.
+    """Return the unit definitions of an SSP file.
 
     Raises:
         InputRefused: a unit without a name, a unit defined twice, or powers that are not small integers.
@@ -299,7 +299,7 @@ def units_of(root: ET.Element, where: str) -> tuple[UnitDefinition, ...]:
 
 
 def transformation_of(element: ET.Element, where: str) -> Transformation:
-    """Return the transformation of a connection or a mapping entry."""
+    """Return the transformation of an SSP connection or mapping entry."""
     for child in element:
         if local_name(child) == "LinearTransformation":
             return Transformation(
@@ -312,7 +312,7 @@ def transformation_of(element: ET.Element, where: str) -> Transformation:
 
 @dataclass(frozen=True)
 class Connector:
-    """A connector of a component or system.
+    """A connector (input, output or parameter) of an SSP component or system.
 
     Attributes:
         name: name of the variable, if the component is an FMU.
@@ -331,7 +331,7 @@ class Connector:
 
 @dataclass(frozen=True)
 class SspComponent:
-    """A component from an external file, usually an FMU.
+    """A component of an SSP system from an external file, usually an FMU.
 
     Attributes:
         name: unique in its system.
@@ -353,12 +353,12 @@ class SspComponent:
 
     @cached_property
     def connector_of(self) -> dict[str, Connector]:
-        """Connectors by name."""
+        """Declared connectors of the component by name."""
         return {one.name: one for one in self.connectors}
 
 
 class Endpoint(NamedTuple):
-    """An end of a connection; `element` is a component or system, "" for the system that contains the connection."""
+    """An end of an SSP connection; `element` is a component or system, "" for the enclosing system."""
 
     element: str
     connector: str
@@ -366,7 +366,7 @@ class Endpoint(NamedTuple):
 
 @dataclass(frozen=True)
 class Connection:
-    """A connection between two connectors.
+    """An SSP connection between two connectors.
 
     Attributes:
         suppress_unit_conversion: whether only the transformation is applied to the value.
@@ -380,7 +380,7 @@ class Connection:
 
 @dataclass(frozen=True)
 class SspSystem:
-    """A system of components and nested systems, joined by connections.
+    """An SSP system of components and nested systems, joined by connections.
 
     Attributes:
         connectors: its own connectors, for the enclosing system.
@@ -402,12 +402,12 @@ class SspSystem:
 
     @cached_property
     def element_of(self) -> dict[str, "SspComponent | SspSystem"]:
-        """Elements by name."""
+        """Elements of the system (components and nested systems) by name."""
         return {one.name: one for one in self.elements}
 
     @cached_property
     def lengths(self) -> list[int]:
-        """Lengths of the element names, in descending order."""
+        """Lengths of the system's element names, in descending order."""
         return sorted({len(name) for name in self.element_of}, reverse=True)
 
 

@@ -33,7 +33,7 @@ _LIST_PATTERN = re.compile(r"\[(?P<values>.*)\]")
 
 @dataclass(frozen=True)
 class Additions:
-    """Additions to a system from the command line.
+    """Changes to a system given on the command line: values, inputs over time, signals to record.
 
     Attributes:
         settings: texts NAME=VALUE.
@@ -49,7 +49,7 @@ class Additions:
 
 
 def setting_text(value: Value) -> str:
-    """Format a value as text that parses to the same value."""
+    """Format a value of a setting as text that parses to the same value."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
@@ -60,7 +60,7 @@ def setting_text(value: Value) -> str:
 
 
 def with_parameters(package: Package, files: Sequence[Path]) -> Package:
-    """Add the values of SSV files to the outermost system of a package.
+    """Add the values of SSV files to the outermost system of an SSP package.
 
     Raises:
         InputRefused: not an SSV file.
@@ -104,7 +104,7 @@ class SystemNames:
         return described(self._files[path], lenient=True)
 
     def place(self, name: str, option: str) -> Endpoint:
-        """Return the component and variable called `name`; component "" for a connector of the outermost system.
+        """Return the (component, variable) called `name`; component "" for a connector of the outermost system.
 
         Raises:
             InputRefused: no component or variable has this name.
@@ -125,7 +125,7 @@ class SystemNames:
         return self.description(end.element).variables[end.connector]
 
     def inputs(self) -> Iterator[tuple[str, Endpoint]]:
-        """Yield (name, endpoint) of every input that a column of a file may feed."""
+        """Yield (name, endpoint) of every system input that a column of a file may feed."""
         for name in self.flat.entrances:
             yield name, Endpoint("", name)
         for path in self._files:
@@ -141,7 +141,7 @@ class SystemNames:
 
 
 def with_settings(flat: FlatSystem, names: SystemNames, settings: Sequence[str]) -> FlatSystem:
-    """Add the values of `settings`, which override all others.
+    """Add the values of settings NAME=VALUE to the outermost system of a package; they override all others.
 
     Raises:
         InputRefused: not NAME=VALUE, an unknown name, or a value of the wrong type.
@@ -169,7 +169,7 @@ def with_settings(flat: FlatSystem, names: SystemNames, settings: Sequence[str])
 
 
 def overruled_names(flat: FlatSystem, names: SystemNames, additions: Additions) -> Iterator[str]:
-    """Yield settings and SSV parameters that target inputs fed by connections."""
+    """Yield the names of settings and SSV parameters that target inputs which connections feed."""
     fed = {lead.end for lead in flat.leads}
     yield from (one for one in additions.settings if names.place(one.partition("=")[0].strip(), "--set") in fed)
     by_name = {".".join(end) for end in fed}
@@ -179,7 +179,7 @@ def overruled_names(flat: FlatSystem, names: SystemNames, additions: Additions) 
 
 
 def _value(name: str, text: str, variable: Variable, where: str) -> ParameterValue:
-    """Parse a value of the type of `variable`."""
+    """Parse the text of a setting to a value of the type of the FMU variable."""
     if variable.is_text:
         if variable.type != "String":
             raise InputRefused(f"{where}: {name} is binary, which cannot be set here")

@@ -17,7 +17,7 @@ FMU_KINDS: "tuple[Kind, ...]" = ("co_simulation", "model_exchange")
 
 @dataclass(frozen=True)
 class MasterChoice:
-    """Options of the master, as given by the user.
+    """Options of the co-simulation master, as given by the user.
 
     Attributes:
         tick, start, stop: step size, start and end of the run (s); None for the values of the system.
@@ -47,7 +47,7 @@ class MasterChoice:
         return self.solver or "cvode"
 
     def refuse_unknown(self, components: Iterable[str], where: str) -> None:
-        """Refuse names that are not components of the system."""
+        """Refuse options that name a component which the system does not have."""
         known = list(components)
         for option, names in (("--kind", self.kinds), ("--step", self.steps), ("--order", self.order)):
             for name in names:

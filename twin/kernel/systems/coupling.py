@@ -28,7 +28,7 @@ from twin.kernel.systems.plan import SystemPart, SystemPlan
 
 @dataclass(frozen=True)
 class PreparedSystem:
-    """A coupled system with initialised FMUs, ready to run.
+    """A co-simulation system with initialised and coupled FMUs, ready to run.
 
     Attributes:
         plan: its plan, without outputs that an FMU turned out not to return.
@@ -49,7 +49,7 @@ class PreparedSystem:
 
 
 class InitialFmus(NamedTuple):
-    """Initialised FMUs of a system; attributes as of `PreparedSystem`, components by name."""
+    """Initialised FMUs of a system, as components; attributes as of `PreparedSystem`."""
 
     plan: SystemPlan
     components: dict[str, Component]
@@ -58,14 +58,14 @@ class InitialFmus(NamedTuple):
 
 
 def folders_of(plan: SystemPlan) -> dict[str, Path]:
-    """Unpack the FMUs of a plan; return their folders by SHA-256."""
+    """Unpack the FMUs of a planned system; return their folders by SHA-256."""
     files = {part.description.sha256: part.description.path for part in plan.parts}
     return {sha256: unpacked(file, sha256) for sha256, file in files.items()}
 
 
 @contextmanager
 def couple_system(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedSystem]:
-    """Initialise and couple the system of a plan; frees its FMUs at the end of the block.
+    """Initialise and couple the FMUs of a planned system; free them at the end of the block.
 
     All FMUs are in initialisation mode together until their inputs have the values of their sources. FMUs of FMI 1.0,
     which has no such mode, keep their start values.
@@ -158,7 +158,7 @@ def initialise_fmus(
 
 
 def _without_unreadable(part: SystemPart, instance: Instance, fed: Collection[str]) -> SystemPart:
-    """Drop local variables that feed nothing and that the FMU does not return."""
+    """Drop local variables from a plan that feed nothing and that the FMU does not return."""
     readable = []
     for port in part.outputs:
         try:
@@ -184,7 +184,7 @@ def _setup(plan: SystemPlan, part: SystemPart) -> Setup:
 
 
 def _columns(plan: SystemPlan, system: System, places: Mapping[str, tuple[str, int]]) -> dict[str, slice]:
-    """Return the columns of each part in a row; `places` are its component and its offset there."""
+    """Return the columns of each part in an output row; `places` are its component and its offset there."""
     starts = {component.name: int(start) for component, start in zip(system.components, system.y_start, strict=False)}
     found = {}
     for component in plan.extras.components:
@@ -197,7 +197,7 @@ def _columns(plan: SystemPlan, system: System, places: Mapping[str, tuple[str, i
 
 
 def refuse_steps(plan: SystemPlan, choice: str) -> None:
-    """Check that all FMUs accept the steps of a plan.
+    """Check that all FMUs accept the step sizes of a plan.
 
     Args:
         choice: alternative to suggest in the message.
@@ -211,7 +211,7 @@ def refuse_steps(plan: SystemPlan, choice: str) -> None:
 
 
 class _SolvableLoop:
-    """An algebraic loop to be solved, with the wires whose values are its unknowns.
+    """An algebraic loop of a system that can be solved, with the wires whose values are its unknowns.
 
     Attributes:
         path: path of the loop, for messages.
@@ -252,7 +252,7 @@ class _SolvableLoop:
     def merge_parts(
         self, components: dict[str, Component], wires: list[tuple[str, str]], columns: dict[str, tuple[str, int]]
     ) -> list[tuple[str, str]]:
-        """Merge the parts of the loop among `components` into one component; return the remaining wires.
+        """Merge the components of the loop into one component that solves it; return the remaining wires.
 
         `components` and `columns` are updated in place; the merged component has the position of the first part.
         """
@@ -295,7 +295,7 @@ def _has_fmu_state(part: SystemPart) -> bool:
 
 
 class _InitialValues:
-    """Propagation of initial values from sources to inputs, in initialisation mode.
+    """Propagator of initial values from FMU outputs to inputs, in initialisation mode.
 
     Args:
         plan: plan of the system.
@@ -338,7 +338,7 @@ class _InitialValues:
         self._read: dict[int, int] = {}
 
     def settle(self) -> bool:
-        """Propagate initial values until all agree, and solve loops; return False if propagation does not converge.
+        """Propagate initial values between FMUs until all agree, and solve loops; return False if they do not.
 
         Raises:
             InputRefused: the initial values of a loop do not converge.
@@ -374,7 +374,7 @@ class _InitialValues:
         return np.asarray(-np.linalg.lstsq(jacobian, f, rcond=None)[0], dtype=float)
 
     def _residual(self, z: np.ndarray) -> np.ndarray:
-        """Return the difference between the fed-back values after one propagation and `z`."""
+        """Return the loop's residual: fed-back values after one propagation minus `z`."""
         place = 0
         for _, output, target, port in self._back:
             self._set_input(target, port, port.to_fmu(z[place : place + output.port.size]))
@@ -383,7 +383,7 @@ class _InitialValues:
         return np.concatenate([_read_port(source, output) for source, output, _, _ in self._back]) - z
 
     def _propagate(self) -> bool:
-        """Propagate values from outputs to inputs until nothing changes; return False if it does not converge."""
+        """Propagate values from FMU outputs to inputs until nothing changes; return False if it does not converge."""
         for _ in range(len(self._plan.parts) + 2):
             changed = False
             for n, (source, output, target, port) in enumerate(self._led):
@@ -404,7 +404,7 @@ class _InitialValues:
 
 
 def _start_signals(plan: SystemPlan) -> dict[str, np.ndarray]:
-    """Return the initial outputs of signal components, by output."""
+    """Return the initial outputs of signal components (expressions and files), by output."""
     start = np.array([plan.timing.first * plan.timing.tick])
     found: dict[str, np.ndarray] = {}
     for component in plan.extras.components:
@@ -416,7 +416,7 @@ def _start_signals(plan: SystemPlan) -> dict[str, np.ndarray]:
 
 
 def _is_readable(source: Instance, output: FmuPort, port: FmuPort) -> bool:
-    """Whether a connection can transfer values in initialisation mode; clocked variables cannot."""
+    """Whether a connection between FMUs can transfer values in initialisation mode; clocked variables cannot."""
     return source.description.version > 1 and not output.variable.clocks and not port.variable.clocks
 
 

@@ -38,10 +38,10 @@ Ends = tuple[tuple[Endpoint, tuple[UnitStep, ...]], ...]
 
 
 class EnclosedComponent(Subsystem):
-    """A component that runs an enclosed system of FMUs."""
+    """A component that runs an SSP system of FMUs in place of one FMU."""
 
     def zero(self, name: str) -> float:
-        """Return the value of output port `name` that corresponds to 0 in the FMU's unit."""
+        """Return the value of output port `name` that corresponds to an output of 0 of the inner FMU."""
         part, _, port = self.outlets[name].rpartition(".")
         inside = next(one for one in self.system.components if one.name == part)
         assert isinstance(inside, FmuComponent)
@@ -50,7 +50,7 @@ class EnclosedComponent(Subsystem):
 
 @dataclass(frozen=True)
 class EnclosedSystem:
-    """A system that has passed all checks that need no binary.
+    """An SSP system that can replace an FMU and has passed all checks that need no binary.
 
     Attributes:
         path, sha256: archive and its digest.
@@ -74,30 +74,30 @@ class EnclosedSystem:
 
     @property
     def descriptions(self) -> dict[str, FmuDescription]:
-        """FMU descriptions by component path."""
+        """Descriptions of the system's FMUs by component path."""
         return {part.path: part.description for part in self.plan.parts}
 
     @property
     def values(self) -> dict[str, Sequence[Setting]]:
-        """Values set in the FMUs before initialisation, by component path."""
+        """Values set in the inner FMUs before initialisation, by component path."""
         return {part.path: part.settings for part in self.plan.parts}
 
     @property
     def links(self) -> tuple[tuple[str, str], ...]:
-        """Inner connections (output, input), "component.variable" each."""
+        """Connections inside the system (output, input), "component.variable" each."""
         return tuple((".".join(lead.start), ".".join(lead.end)) for lead in self._flat.leads)
 
     def folder(self, part: str) -> Path:
-        """Return the folder of a component's unpacked FMU."""
+        """Return the folder of the unpacked FMU of an inner component."""
         return self._folders[self.descriptions[part].sha256]
 
     def variables_of(self, causality: str) -> list[Variable]:
-        """Return the visible variables of a causality."""
+        """Return the system's externally visible variables of a causality, such as "input"."""
         return [v for v in self.variables.values() if v.causality == causality]
 
     @property
     def contents(self) -> dict[str, Any]:
-        """Content of the system for the header of a recording."""
+        """Description of the system's FMUs, values and connections for the header of a recording."""
         return {
             "components": {
                 part.path: {
@@ -127,7 +127,7 @@ class EnclosedSystem:
         inputs_at_start: Mapping[str, Start] = MappingProxyType({}),
         outputs_at_start: Mapping[str, Start] = MappingProxyType({}),
     ) -> EnclosedComponent:
-        """Initialise the system as a component that makes `every` ticks in a step.
+        """Initialise the enclosed system as a component that makes `every` ticks in a step.
 
         Args:
             inputs, outputs: ports of variables of this system; other inputs keep their start values.
@@ -184,7 +184,7 @@ class EnclosedSystem:
         read: Sequence[tuple[str, FmuPort, Endpoint, AffineMap]],
         wires: Collection[tuple[str, str]],
     ) -> SystemPart:
-        """Scale the inputs of a part for the ports of the whole, and keep only outputs that are read."""
+        """Scale the inputs of an inner FMU for the ports of the whole system, and keep only outputs that are read."""
         sources = {target: source for source, target in self.plan.wires}
         there, begun = {target for _, target in wires}, {source for source, _ in wires}
         inputs = []
@@ -259,7 +259,7 @@ def _with_values(flat: FlatSystem, names: SystemNames, table: str, values: Mappi
 
 
 class _OuterVariables:
-    """Variables of a system that are visible from outside.
+    """Variables of an SSP system that are visible from outside.
 
     Attributes:
         variables: see `EnclosedSystem`.
@@ -292,7 +292,7 @@ class _OuterVariables:
         self._add_inner_variables(asked)
 
     def _add_inner_variables(self, asked: Collection[str]) -> None:
-        """Add requested inner variables; for a side without connectors, all inputs or outputs."""
+        """Add requested inner variables to the visible ones; for a side without connectors, all inputs or outputs."""
         fed = {lead.end for lead in self._flat.leads}
         for path in self._flat.components:
             given = self._flat.assigned.get(path, {})
@@ -307,7 +307,7 @@ class _OuterVariables:
                     self._add_output(name, end, ())
 
     def feeds(self) -> Iterator[Feed]:
-        """Yield the connections to inner inputs, except of inputs with fixed values."""
+        """Yield the connections to inputs of inner components, except of inputs with fixed values."""
         for number, (name, variable) in enumerate(self.variables.items()):
             for end, hops in self._ends.get(name, ()) if name not in self._values else ():
                 by = f"{self._package.file}: {name}"

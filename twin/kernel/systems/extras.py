@@ -9,7 +9,7 @@ from twin.kernel.ssp.structure import Endpoint
 
 @dataclass(frozen=True)
 class Feed:
-    """A connection to an FMU input from a component that is not an FMU.
+    """A connection to an FMU input from a component that is not an FMU, such as a signal.
 
     Attributes:
         end: component path and variable.
@@ -29,7 +29,7 @@ class Feed:
 
 @dataclass(frozen=True)
 class SystemExtras:
-    """Components other than FMUs, and their connections.
+    """Components of a system other than FMUs, and their connections.
 
     Attributes:
         components: all their outputs are recorded.
@@ -54,7 +54,7 @@ class SystemExtras:
     spans: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def __add__(self, other: "SystemExtras") -> "SystemExtras":
-        """Concatenate the components and connections of both."""
+        """Combine the components and connections of two additions to a system."""
         return SystemExtras(
             self.components + other.components,
             self.feeds + other.feeds,

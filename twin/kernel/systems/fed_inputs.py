@@ -37,7 +37,7 @@ SIGNAL_SUFFIXES = (".csv", ".mcap")
 
 @dataclass(frozen=True)
 class _InputSignal:
-    """A signal and the input that it feeds.
+    """A signal over time and the system input that it feeds.
 
     Attributes:
         unit: unit of the values; "" for the unit of the input.
@@ -55,7 +55,7 @@ class _InputSignal:
 def input_extras(
     names: SystemNames, inputs: Sequence[str], settings: Sequence[str], start: float = 0.0
 ) -> SystemExtras:
-    """Make a component of the signals in `inputs`, and its connections.
+    """Make a component of the signals over time that feed inputs, and its connections.
 
     Args:
         inputs, settings: see `Additions`; an input may not be in both.
@@ -119,7 +119,7 @@ def _input_signals(names: SystemNames, text: str) -> Iterator[_InputSignal]:
 
 
 def _file_signals(names: SystemNames, file: Path) -> Iterator[_InputSignal]:
-    """Yield a signal for every column of `file` that has the name of an input."""
+    """Yield an input signal for every column of `file` that has the name of a system input."""
     if file.suffix.lower() not in SIGNAL_SUFFIXES and not os.path.exists(file):
         raise InputRefused(f"--input {file}: expected NAME=SOURCE, such as u=step(1.0), or a CSV file")
     known, table = dict(names.inputs()), read_table(file)
@@ -154,7 +154,7 @@ def _ends(names: SystemNames, place: Endpoint) -> list[Endpoint]:
 
 
 def _is_held(names: SystemNames, place: Endpoint) -> bool:
-    """Whether samples are held, not interpolated: true if an input is not a continuous real variable."""
+    """Whether an input signal's samples are held, not interpolated: true if any input is not a continuous real."""
     variables = [names.variable(end) for end in _ends(names, place)]
     return any(v.variability != "continuous" or v.type not in REAL_TYPES for v in variables)
 
@@ -170,7 +170,7 @@ def _refuse_broken(names: SystemNames, place: Endpoint, samples: SampledSignal, 
 
 
 def _refuse_unfit(variable: Variable, values: np.ndarray, where: str) -> None:
-    """Refuse values outside the range of the type of `variable`, or possibly rounded when they were read."""
+    """Refuse signal values outside the range of the type of `variable`, or possibly rounded when they were read."""
     for value in map(float, (np.nanmin(values), np.nanmax(values))):
         # a larger integer may have been rounded to MAX_EXACT when it was read
         if why := variable.range_error(
@@ -180,7 +180,7 @@ def _refuse_unfit(variable: Variable, values: np.ndarray, where: str) -> None:
 
 
 def _series(file: Path, column: str, name: str, where: str, held: bool) -> tuple[SampledSignal, str]:
-    """Return (samples, unit) of a column of a CSV file or a series of a recording."""
+    """Return (samples, unit) of a signal: a column of a CSV file or a series of a recording."""
     between: Between = "held" if held else "lines"
     if file.suffix.lower() != ".csv":
         log = read_log(file)
@@ -206,12 +206,12 @@ def _series(file: Path, column: str, name: str, where: str, held: bool) -> tuple
 
 
 def _split_brackets(head: str) -> tuple[str, str]:
-    """Split a column head `u [rpm]` into name and unit; a unit without brackets may be part of the name."""
+    """Split a CSV column head `u [rpm]` into name and unit; a unit without brackets may be part of the name."""
     return split_unit(head) if head.rstrip().endswith(("]", ")")) else (head, "")
 
 
 def _time(table: CsvTable) -> tuple[str, np.ndarray]:
-    """Return the name of the time column and its values (s)."""
+    """Return the name of a CSV table's time column and its values (s)."""
     named = {head: split_unit(head) for head in table.head}
     head = next((head for head, (name, _) in named.items() if name.lower() in TIME_NAMES), None)
     if head is None:
@@ -239,12 +239,12 @@ def _sha256(file: Path) -> str:
 
 
 def is_table(component: SspComponent) -> bool:
-    """Whether a component is a table of values over time, as in OMSimulator."""
+    """Whether an SSP component is a table of values over time, as in OMSimulator."""
     return component.type == TABLE_TYPE or (component.type == "" and component.source.lower().endswith(".csv"))
 
 
 def table_extras(package: Package, flat: FlatSystem) -> tuple[FlatSystem, SystemExtras]:
-    """Replace the tables of a system by signal components.
+    """Replace the SSP components that are tables of values over time by signal components.
 
     Returns:
         (system without its tables, components and connections in their place).

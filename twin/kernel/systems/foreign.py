@@ -17,7 +17,7 @@ def foreign_package(
     values: Mapping[str, Sequence[ParameterValue]],
     unsaid: Sequence[str],
 ) -> Package:
-    """Make a package of a system file in another master's format.
+    """Make a package of a system file in another master's format (not SSP).
 
     Args:
         file, form, unsaid: attributes of the `Package`; `unsaid` are its omissions.

@@ -57,7 +57,7 @@ def find_loops(plan: SystemPlan) -> tuple[AlgebraicLoop, ...]:
 def _join_groups(
     groups: Sequence[Sequence[str]], parts: Sequence[SystemPart]
 ) -> list[tuple[set[str], list[Sequence[str]]]]:
-    """Merge groups of nodes that share a component; return (components, groups) each, in step order."""
+    """Merge groups of dependent ports that share a component; return (components, groups) each, in step order."""
     joined: list[tuple[set[str], list[Sequence[str]]]] = []
     for group in groups:
         owners, together = {node.partition(".")[0] for node in group}, [group]
@@ -70,7 +70,7 @@ def _join_groups(
 
 
 def _cyclic_groups(graph: Graph) -> list[list[str]]:
-    """Return the strongly connected components of the graph (Tarjan 1972), without recursion."""
+    """Return the strongly connected components of a graph (Tarjan 1972), without recursion."""
     number: dict[str, int] = {}
     low: dict[str, int] = {}
     stack: list[str] = []

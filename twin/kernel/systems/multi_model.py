@@ -33,7 +33,7 @@ _NAME_PATTERN = re.compile(r"(?P<fmu>\{[^{}]*\})\.(?P<instance>[^.]+)\.(?P<varia
 
 
 def multi_model(file: Path) -> Package:
-    """Read the system of a multi-model; FMU paths are relative to its folder, else to the working directory.
+    """Read the system of a Maestro multi-model; FMU paths are relative to its folder, else to the working directory.
 
     Raises:
         InputRefused: no such file, not a multi-model, or a missing FMU.
@@ -88,12 +88,12 @@ class _InstanceNames:
         self._same = Counter(instance for _, instance in self._found)
 
     def end(self, text: Any) -> Endpoint:
-        """Return the component and variable of a name {fmu}.instance.variable."""
+        """Return the (component, variable) of a multi-model's name {fmu}.instance.variable."""
         fmu, instance, variable = self._split_name(text)
         return Endpoint(self._name(fmu, instance), variable)
 
     def parts(self) -> list[tuple[str, str]]:
-        """Return (component, FMU key) of each instance, in the order of the FMUs."""
+        """Return (component, FMU key) of each instance in the multi-model, in the order of the FMUs."""
         order = {key: number for number, key in enumerate(self._files)}
         return [(self._name(*one), one[0]) for one in sorted(self._found, key=lambda one: order[one[0]])]
 
@@ -142,7 +142,7 @@ def _value(name: str, value: Any, where: str) -> ParameterValue:
 
 
 def _algorithm(content: Mapping[str, Any], where: str) -> tuple[float | None, list[str]]:
-    """Return the fixed step size (s), None if not fixed, and notes on ignored content."""
+    """Return a multi-model's fixed step size (s), None if not fixed, and notes on ignored content."""
     algorithm = content.get("algorithm")
     if not isinstance(algorithm, dict):
         return None, []

@@ -17,7 +17,7 @@ FIELD_KINDS = {"Real": "double", "Float64": "double", "Float32": "double", "Bool
 
 
 def identifier(name: str) -> str:
-    """Replace characters other than letters, digits and underscores; the result begins with a letter."""
+    """Convert text to an identifier: letters, digits and underscores, beginning with a letter."""
     text = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "x"
     return text if text[0].isalpha() else f"x_{text}"
 
@@ -54,19 +54,19 @@ def split_element(variable: str) -> tuple[str, int]:
 
 
 def type_rank(variable: Variable) -> int:
-    """Return a variable's type rank: 2 real, 1 integer, 0 Boolean; values fit targets of equal or higher rank."""
+    """Return the rank of a variable's type: 2 real, 1 integer, 0 Boolean; values fit targets of no lower rank."""
     return {"double": 2, "bool": 0}.get(FIELD_KINDS.get(variable.type, "int"), 1)
 
 
 def port_of(variable: Variable, path: str) -> Port:
-    """Return the port for a variable of the component at `path`."""
+    """Make the port (name, size, unit, meaning) for an FMU variable of the component at `path`."""
     kind = FIELD_KINDS.get(variable.type, "int")
     meaning = f"{variable.name}: {variable.description}" if variable.description else variable.name
     return Port(field_name(variable.name, path), variable.size, variable.unit or "1", meaning, kind)  # type: ignore[arg-type]
 
 
 def distinct_ports(ports: Sequence[FmuPort]) -> list[FmuPort]:
-    """Return `ports` with unique names."""
+    """Return copies of `ports` with unique names; repeated names get a number."""
     names = unique_names(port.port.name for port in ports)
     return [replace(port, port=replace(port.port, name=name)) for port, name in zip(ports, names, strict=True)]
 

@@ -30,7 +30,7 @@ def open_system(
     additions: Additions = Additions(),  # noqa: B008, it is frozen
     beside: SystemExtras = SystemExtras(),  # noqa: B008, likewise
 ) -> Iterator[tuple[SystemPlan, PreparedSystem]]:
-    """Plan and couple the system of a package; frees it at the end of the block.
+    """Plan and couple the co-simulation system of a package; free it at the end of the block.
 
     Args:
         compiled: whether FMUs without a binary for this platform are built from source.
@@ -53,7 +53,7 @@ def open_system(
 
 @contextmanager
 def open_plan(package: Package, choice: MasterChoice, compiled: bool, additions: Additions) -> Iterator[SystemPlan]:
-    """Yield the plan of a package while its extracted FMUs exist; arguments and errors as in `open_system`."""
+    """Yield the plan of a package's system while its extracted FMUs exist; arguments and errors as in `open_system`."""
     with scratch_folder(package) as scratch:
         try:
             yield _make_plan(package, Path(scratch), choice, compiled, additions, SystemExtras())
@@ -80,7 +80,7 @@ def _make_plan(
 def extract_fmus(
     package: Package, flat: FlatSystem, scratch: Path, compiled: bool = False
 ) -> tuple[dict[str, Path], SystemNames]:
-    """Extract the FMUs of a system to `scratch`.
+    """Extract the FMUs of a system package to the folder `scratch`.
 
     Args:
         compiled: see `open_system`.
@@ -105,7 +105,7 @@ def extract_fmus(
 
 @contextmanager
 def scratch_folder(package: Package) -> Iterator[str]:
-    """Create a temporary folder for extracted files; error messages show the package's path instead of its path."""
+    """Create a temporary folder for extracted files; in error messages, replace its path by the package's path."""
     scratch = tempfile.mkdtemp()
     try:
         yield scratch

@@ -46,7 +46,7 @@ UNSUPPORTED_ELEMENTS = {
 
 
 def osp_system(file: Path) -> Package:
-    """Read the system of an OspSystemStructure.xml; FMU sources are relative to the file.
+    """Read the system of an OSP file, OspSystemStructure.xml; FMU sources are relative to the file.
 
     Raises:
         InputRefused: no such file, a missing FMU, or unsupported content.
@@ -110,7 +110,7 @@ def _number(root: ET.Element, name: str, where: str) -> float | None:
 
 
 class _Wiring:
-    """Connections of variables; two through a linear transformation become one."""
+    """Collector of the connections in an OSP system; two through a linear transformation become one."""
 
     def __init__(self, root: ET.Element, files: dict[str, Path], where: str):
         self._files, self._where = files, where
@@ -160,7 +160,7 @@ class _Wiring:
         )
 
     def _orient(self, first: Endpoint, second: Endpoint) -> Connection:
-        """Orient a connection from the variable that is not an input to the other."""
+        """Orient an OSP connection so that it ends at the variable that is an input."""
         if self._is_input(first) and not self._is_input(second):
             first, second = second, first
         return Connection(first, second)

@@ -52,7 +52,7 @@ STARTING_INITIALS = ("exact", "approx")
 
 @dataclass(frozen=True)
 class SystemPart:
-    """A component of a planned system.
+    """An FMU component of a planned system.
 
     Attributes:
         path: name in the system.
@@ -77,7 +77,7 @@ class SystemPart:
 
 @dataclass(frozen=True)
 class SystemPlan:
-    """A checked system, ready to be coupled.
+    """A checked co-simulation system, ready to be coupled.
 
     Attributes:
         package: its origin.
@@ -105,7 +105,7 @@ class SystemPlan:
 
     @property
     def scheme(self) -> Scheme:
-        """Coupling scheme of the master: the user's, else the default of the file format."""
+        """Coupling scheme of the master: chosen by the user, else the default of the file format."""
         return self.choice.scheme or self.package.scheme
 
     @property
@@ -165,7 +165,7 @@ def plan_system(
     patterns: Sequence[str] = (),
     when: Timing | None = None,
 ) -> SystemPlan:
-    """Plan a system: choose FMU kinds, check connections, and convert units and values.
+    """Plan a co-simulation system: choose FMU kinds, check connections, and convert units and values.
 
     Args:
         files: FMU files by entry.
@@ -202,7 +202,7 @@ def plan_system(
 def _choose_kind(
     file: Path, stated: str, path: str, choice: MasterChoice, read: Callable[..., FmuDescription]
 ) -> FmuDescription:
-    """Describe the FMU of a component as the kind in use: chosen by name, else stated, else chosen for all."""
+    """Describe a component's FMU as the kind chosen by name, else stated in the file, else chosen for all."""
     usual = read(file)
     named, stated_kind = choice.kinds.get(path), IMPLEMENTATION_KINDS[stated]
     kind = named or stated_kind
@@ -217,7 +217,7 @@ def _choose_kind(
 
 
 class _Planner:
-    """Planner of parts and wires.
+    """Planner of a system's FMU components and wires.
 
     Attributes:
         ignored: names with values that match no variable of their FMU.
@@ -347,7 +347,7 @@ class _Planner:
         return numbers[0] if len(numbers) == 1 else numbers
 
     def _item_numbers(self, values: list[float] | list[str], where: str) -> list[float] | list[str]:
-        """Convert enumeration items that are given by number as text."""
+        """Convert enumeration items that are given by number as text to numbers."""
         numbers = [parse_number(value) for value in values]
         if not isinstance(values[0], str) or not all(math.isfinite(one) for one in numbers):
             return values
@@ -355,7 +355,7 @@ class _Planner:
         return numbers
 
     def _without_brackets(self, description: FmuDescription) -> FmuDescription:
-        """Remove the brackets around units of an FMU's variables."""
+        """Remove the brackets around units of an FMU's variables, `[m]` to `m`."""
         changed = {}
         for name, variable in description.variables.items():
             unit = self._unit(variable.unit, f"{description.path}: {name}")
@@ -394,7 +394,7 @@ class _Planner:
         return variable
 
     def _match_patterns(self, patterns: Sequence[str]) -> dict[str, list[Variable]] | None:
-        """Return the variables to record by component; None without patterns."""
+        """Return the variables to record, matched by the user's patterns, by component; None without patterns."""
         if not patterns:
             return None
         alone = self._package.form == SINGLE_FORM
@@ -423,7 +423,7 @@ class _Planner:
     def _output_ports(
         self, path: str, sources: Mapping[str, None], chosen: Mapping[str, list[Variable]] | None
     ) -> tuple[FmuPort, ...]:
-        """Return the output ports: the FMU's outputs or the `chosen` variables, then further sources of connections."""
+        """Return the output ports of an FMU: its outputs or the `chosen` variables, then further connected ones."""
         begun = [self._variable(path, name, ("output", "local"), "begins at an output") for name in sources]
         offered = self._descriptions[path].variables_of("output") if chosen is None else list(chosen[path])
         self._recorded[path] = len(offered)

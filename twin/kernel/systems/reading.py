@@ -34,7 +34,7 @@ def read_system(file: Path) -> Package:
 
 
 def single_fmu(file: Path) -> Package:
-    """Make a system of one FMU, named after its file."""
+    """Make a package of a system with one FMU, named after its file."""
     name = identifier(file.stem)
     structure = Structure(
         name,

@@ -24,12 +24,12 @@ ORDER_ANNOTATION = "twin.order"
 
 
 def step_notes(type_: str, step: float | None) -> tuple[Annotation, ...]:
-    """Return an annotation that states a step size (s); empty without a step."""
+    """Return the SSP annotation that states a step size (s); empty without a step."""
     return (Annotation(type_, f'<step stepSize="{step!r}" />'),) if step else ()
 
 
 class Timing(NamedTuple):
-    """Start, end and steps of a run.
+    """Start, end and step sizes of a co-simulation run.
 
     Attributes:
         tick: step size (s).
@@ -57,7 +57,7 @@ class Timing(NamedTuple):
 def timing(
     package: Package, flat: FlatSystem, descriptions: Mapping[str, FmuDescription], choice: MasterChoice
 ) -> Timing:
-    """Determine start, end and steps of a run from the user's options, else the system, else its FMUs.
+    """Determine start, end and step sizes of a run from the user's options, else the system, else its FMUs.
 
     Args:
         descriptions: FMU descriptions by component.
@@ -114,7 +114,7 @@ def timing(
 def timing_inside(
     package: Package, flat: FlatSystem, descriptions: Mapping[str, FmuDescription], tick: float, every: int, ticks: int
 ) -> Timing:
-    """Determine the steps of a system that is a component of another system, starting at 0 s.
+    """Determine the step sizes of a system that is a component of another system, starting at 0 s.
 
     The step of a component is its annotation, else the annotation of the structure, else one step of the enclosing
     component.
@@ -140,13 +140,13 @@ def timing_inside(
 
 
 def _round_step(step: float) -> float:
-    """Round down to 1, 2 or 5 times a power of ten."""
+    """Round a step size down to 1, 2 or 5 times a power of ten."""
     power = 10.0 ** math.floor(math.log10(step))
     return next(times * power for times in (5.0, 2.0, 1.0) if times * power <= step * (1.0 + 1e-9))
 
 
 def step_order(package: Package, flat: FlatSystem, choice: MasterChoice) -> list[str]:
-    """Return the components in step order: the user's, else the annotated, else the file's.
+    """Return a system's components in step order: the user's, else the annotated, else the file's.
 
     Raises:
         InputRefused: the annotation names an unknown component.
@@ -175,7 +175,7 @@ def _whole_steps(time: float, step: float, what: str, cure: str) -> int:
 
 
 def _steps(package: Package, flat: FlatSystem, choice: MasterChoice) -> dict[str, float]:
-    """Return the step of each component that has an own one, from the user or its annotation (s)."""
+    """Return the step size of each component that has its own, from the user or its annotation (s)."""
     found = {}
     for path, component in flat.components.items():
         noted = next(_annotation_steps(component.annotations, f"{package.file}: {path}"), None)
@@ -186,7 +186,7 @@ def _steps(package: Package, flat: FlatSystem, choice: MasterChoice) -> dict[str
 
 
 def _annotation_steps(annotations: tuple[Annotation, ...], where: str) -> Iterator[tuple[float, str]]:
-    """Yield (step (s), annotation type) of the annotations that state a step."""
+    """Yield (step size (s), annotation type) of the SSP annotations that state a step size."""
     for note in annotations:
         for element in (
             parse_xml(note.content.encode(), f"{where}: annotation {note.type}").iter() if note.content else ()
@@ -211,7 +211,7 @@ def _structure_step(
 
 
 def _annotation_step(package: Package) -> tuple[float | None, str]:
-    """Return the step size that an annotation of the structure states (s) and its origin; (None, "") without one."""
+    """Return the annotated step size of the structure (s), and its origin; (None, "") without annotation."""
     structure = package.structure
     notes = (*structure.experiment.annotations, *structure.system.annotations, *structure.annotations)
     found = next(_annotation_steps(notes, f"{package.file}"), None)
@@ -235,5 +235,5 @@ def _common_start(descriptions: Mapping[str, FmuDescription]) -> float:
 
 
 def _experiment(description: FmuDescription, name: str) -> float:
-    """Return a number of an FMU's DefaultExperiment; NaN if not stated."""
+    """Return a number of the FMU's DefaultExperiment, such as its stop time; NaN if not stated."""
     return parse_number(getattr(description.model.defaultExperiment, name, None))

@@ -37,7 +37,7 @@ IMPLEMENTATION_NAMES: Mapping[str, Implementation] = {
 
 
 def ssp_archive(plan: SystemPlan) -> bytes:
-    """Write the archive of a system: planned structure, FMUs, tables and parameter sets.
+    """Write a system as an SSP archive: planned structure, FMUs, tables and parameter sets.
 
     The user's values, steps, times, kinds and step order are included. SSP does not define step size, step order and
     coupling scheme; these are annotations, which `twin cosim` reads.
@@ -82,7 +82,7 @@ def ssp_archive(plan: SystemPlan) -> bytes:
 
 
 def _foreign_annotations(annotations: Iterable[Annotation]) -> tuple[Annotation, ...]:
-    """Drop annotations that are written again, and step annotations of other tools."""
+    """Drop SSP annotations that are written again, and step annotations of other tools."""
     return tuple(
         one
         for one in annotations
@@ -102,7 +102,7 @@ def _annotations(plan: SystemPlan, scheme: Scheme, tick: float) -> list[Annotati
 
 
 def _value(name: str, variable: Variable, value: object) -> ParameterValue:
-    """Convert a setting to an SSP value in the FMU's unit."""
+    """Convert the value of an FMU setting to an SSP parameter value in the FMU's unit."""
     if isinstance(value, list):
         if len(value) != 1 or not isinstance(value[0], str):
             raise InputRefused(f"{name}: arrays of text and bytes cannot be written as SSP 1.0")
@@ -119,7 +119,7 @@ def _type(variable: Variable) -> str:
 
 
 def _connectors(plan: SystemPlan) -> dict[str, list[Connector]]:
-    """Return the connectors that connections need, by component."""
+    """Return the SSP connectors that connections need, by component."""
     found: dict[str, list[Connector]] = {}
     for part in plan.parts:
         ports = [port.variable for port in (*part.inputs, *part.outputs)]
@@ -139,7 +139,7 @@ def _complete_components(
     kinds: Mapping[str, Implementation],
     steps: Mapping[str, float],
 ) -> SspSystem:
-    """Add the missing connectors and the kind in use to the components of `system`."""
+    """Add missing SSP connectors and the kind in use to the components of `system`."""
     elements: list[SspComponent | SspSystem] = []
     for one in system.elements:
         below = f"{path}.{one.name}" if path else one.name
@@ -160,5 +160,5 @@ def _complete_components(
 
 
 def _ssp_1_type(type_: str) -> str:
-    """Convert a type of SSP 2.0 to the type of SSP 1.0."""
+    """Convert a connector type of SSP 2.0 to the type of SSP 1.0."""
     return "Real" if type_ in REAL_TYPES else "Integer" if type_ in INTEGER_TYPES else type_

@@ -10,7 +10,7 @@ from twin.kernel.systems.plan import SystemPart, SystemPlan
 
 
 def streams(plan: SystemPlan, made: PreparedSystem) -> list[RowStream]:
-    """Return the row streams of the recording in component order, without components that have no outputs."""
+    """Return the topics of a system's recording with their columns of a row, in component order."""
     found = []
     for topic in topics(plan):
         first = made.columns[topic.name].start
@@ -20,7 +20,7 @@ def streams(plan: SystemPlan, made: PreparedSystem) -> list[RowStream]:
 
 
 def topics(plan: SystemPlan) -> list[Topic]:
-    """Return the recording topics of a plan.
+    """Return the recording's topics for the outputs of a planned system.
 
     Raises:
         InputRefused: two components have names that a recording cannot distinguish.
@@ -47,7 +47,7 @@ def _fields(part: SystemPart) -> list[Field]:
 
 
 def _arrays(ports: tuple[FmuPort, ...]) -> list[list[FmuPort]]:
-    """Group consecutive ports `X[1]`, `X[2]` ... of equal type and unit."""
+    """Group consecutive ports `X[1]`, `X[2]` ... of equal type and unit, which form an array."""
     groups: list[list[FmuPort]] = []
     for port in ports:
         array, number = split_element(port.variable.name)

@@ -19,7 +19,7 @@ class ParsedUnit(NamedTuple):
 
 
 class AffineMap(NamedTuple):
-    """An affine map in inverse form: start value = gain * end value + shift.
+    """An affine map between units in inverse form: start value = gain * end value + shift.
 
     FMU ports are scaled in this form, so that a unit conversion is one division, and equal units change no bit.
     """
@@ -28,11 +28,11 @@ class AffineMap(NamedTuple):
     shift: float = 0.0
 
     def apply(self, value: float) -> float:
-        """Map a value at the start to the value at the end."""
+        """Map a value at the start of a connection to the value at its end."""
         return (value - self.shift) / self.gain
 
     def chain(self, way: "AffineMap") -> "AffineMap":
-        """Return the map that applies this map and then `way`."""
+        """Return the composition of this affine map with `way`, which is applied after it."""
         return AffineMap(self.gain * way.gain, self.gain * way.shift + self.shift)
 
 
@@ -63,7 +63,7 @@ def unit_of_variable(
 
 
 def parse_unit(text: str, units: Sequence[UnitDefinition]) -> ParsedUnit:
-    """Look up a unit among the definitions of an SSP file, then among the built-in units."""
+    """Look up a unit by its text among the definitions of an SSP file, then among the built-in units."""
     return ParsedUnit(text, (defined_conversion(text, units) or si_conversion(text)) if text else None)
 
 

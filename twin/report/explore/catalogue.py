@@ -56,7 +56,7 @@ Kind = Literal["number", "whole", "choice", "switch", "pace"]
 
 @dataclass(frozen=True)
 class Slider:
-    """A key that can be changed, with the range of its slider.
+    """A key of the experiment that the explorer can change, with the range of its slider.
 
     Attributes:
         key: dotted key, as in the file and for --set.
@@ -85,12 +85,12 @@ class Slider:
 
     @property
     def to_dict(self) -> dict[str, Any]:
-        """The slider as a JSON-serialisable mapping."""
+        """The slider's fields as a JSON-serialisable mapping."""
         return asdict(self)
 
 
 def sliders(experiment: Experiment) -> dict[str, Slider]:
-    """Return the sliders of `experiment` by key, in the order of the documentation."""
+    """Return the explorer's sliders for the keys of an experiment, in the order of the documentation."""
     found = {slider.key: slider for slider in _all_sliders(experiment)}
     # keys without a value or default get no slider at the top
     shown = [key for key in FIRST_KEYS if key in found and (found[key].value, found[key].default) != (None, None)]
@@ -120,7 +120,7 @@ def _all_sliders(experiment: Experiment) -> Iterator[Slider]:
 
 
 def _takes_single_keys(table: type[Settings], head: Any) -> bool:
-    """Return whether a single key of the table can be set: the table exists, or requires no key."""
+    """Whether a single key of the experiment's table can be set: the table exists, or requires no key."""
     return isinstance(head, Mapping) or not any(info.is_required() for info in table.model_fields.values())
 
 
@@ -136,7 +136,7 @@ def _table_sliders(path: str, table: type[Settings], values: Mapping[str, Any]) 
 
 
 def _slider(key: str, declared: Setting, annotation: Any, value: Any) -> Slider | None:
-    """Return the slider of a setting; None unless it is a single number, choice or switch."""
+    """Return the explorer's slider for a setting; None unless it is a single number, choice or switch."""
     kinds = [part for part in (get_args(annotation) or (annotation,)) if part is not type(None)]
     default = None if declared.default is ... else declared.default
     head = key, declared.unit, declared.help
@@ -156,7 +156,7 @@ def _slider(key: str, declared: Setting, annotation: Any, value: Any) -> Slider 
 
 
 def _ends(value: float, more: Mapping[str, Any], unit: str) -> tuple[float, float, bool]:
-    """Return (lower end, upper end, whether logarithmic) of a slider around `value`, within the bounds in `more`."""
+    """Choose a slider's (lower end, upper end, whether logarithmic) around `value`, within the bounds in `more`."""
     least, most = more.get("gt", more.get("ge", -math.inf)), more.get("lt", more.get("le", math.inf))
     usual = DEFAULT_HIGHS.get(unit, 1.0)
     if least == 0.0 and "gt" in more and value > 0.0:
@@ -173,7 +173,7 @@ def _ends(value: float, more: Mapping[str, Any], unit: str) -> tuple[float, floa
 
 
 def check_value(known: Mapping[str, Slider], key: str, value: Any) -> Any:
-    """Check `value` for `key`, and convert it to the type that a file would have."""
+    """Check the page's `value` for the experiment key `key`, and convert it to the type that a file would have."""
     if key not in known:
         raise InputRefused(f"{key}: no key that can be changed here; {nearest(key, known, 'see twin schema')}")
     slider = known[key]

@@ -39,9 +39,7 @@ def figure_of(experiment: Experiment) -> Figure | None:
 
 @lru_cache(1)
 def _imperfection_settings() -> tuple[str, ...]:
-    """Return the robot and scale settings of fig4_imperfect.toml that differ from the aligned ones, as --set takes
-    them.
-    """
+    """Return the --set options that turn the aligned experiments into fig4_imperfect.toml."""
     straight, askew = (load_experiment(FIG4_EXPERIMENTS[number]).values for number in (0, 2))
     return tuple(
         f"{name}.{key}={toml_value(value)}"
@@ -53,7 +51,7 @@ def _imperfection_settings() -> tuple[str, ...]:
 
 
 def fig4_experiments(state: PageState) -> list[Experiment]:
-    """Return the four experiments of Fig. 4 in the order of `FIG4_EXPERIMENTS`, with `state` applied to each.
+    """Return the four experiments of the paper's Fig. 4, with the changes of `state` applied to each.
 
     An explored file that is not among them replaces the first one, and the others are derived from it with the same
     differences.
@@ -70,7 +68,7 @@ def fig4_experiments(state: PageState) -> list[Experiment]:
 
 
 def fig4_runs(state: PageState, known: tuple[Experiment, Trace] | None = None) -> Fig4Runs:
-    """Return the four runs of Fig. 4 for `state`.
+    """Simulate the four experiments of the paper's Fig. 4 with the changes of `state`.
 
     Args:
         known: an experiment with its run, which is then reused.
@@ -85,7 +83,7 @@ def fig4_runs(state: PageState, known: tuple[Experiment, Trace] | None = None) -
 
 
 def claims(state: PageState) -> dict[str, Any]:
-    """Judge the paper's claims on runs of `state`, JSON-serialisable."""
+    """Judge the paper's claims on simulated runs with the changes of `state`, JSON-serialisable."""
     experiment = state.load()
     if figure_of(experiment) == "fig5":
         trace = run_in_memory(experiment, only=FIG5_SIGNALS)
@@ -104,7 +102,7 @@ def claims(state: PageState) -> dict[str, Any]:
 
 
 def _score(of: str, findings: Sequence[ClaimFinding]) -> dict[str, Any]:
-    """Count the claims that hold, JSON-serialisable, as `twin compare --paper` counts them."""
+    """Count the paper's claims that hold, JSON-serialisable, as `twin compare --paper` counts them."""
     held, judged_claims = tally(findings)
     return {"of": of, "held": held, "judged": judged_claims}
 

@@ -43,7 +43,7 @@ MAX_SAMPLES = 4_000_000
 
 
 def known_logs() -> list[str]:
-    """Return the paths of logs below the current folder: tables, ROS 2 bags, and MCAP files other than run.mcap."""
+    """List the paths of robot logs below the current folder: tables, ROS 2 bags, MCAP files other than run.mcap."""
     found: list[str] = []
     for number, entry in enumerate(_entries(Path(), MAX_DEPTH)):
         if number >= MAX_ENTRIES or len(found) >= MAX_LOGS:
@@ -76,7 +76,7 @@ def _log_path(name: Any) -> Path:
 
 
 def _view_of(log: Log, experiment: Experiment, shift: float) -> LogView:
-    """Return a view of a log with every topic on one clock, and NaN in gaps.
+    """Convert a robot's log to a view for the panels, with every topic on one clock, and NaN in gaps.
 
     Args:
         experiment: experiment of the robot, whose estimator computes position and force from the encoders' counts.
@@ -105,7 +105,7 @@ def _view_of(log: Log, experiment: Experiment, shift: float) -> LogView:
 
 
 def _estimates(log: Log, experiment: Experiment) -> dict[str, LogSeries]:
-    """Return the outputs of the estimator, and the pressing force as the controller computes it."""
+    """Return the outputs of the estimator for a log, and the pressing force as the controller computes it."""
     model = model_of(experiment)
     robot = robot_samples(log, model.belief)
     found = values_by_port(ESTIMATOR_OUTPUTS, estimates(robot, model)["estimator"])
@@ -115,7 +115,7 @@ def _estimates(log: Log, experiment: Experiment) -> dict[str, LogSeries]:
 
 
 def log_run(ask: Mapping[str, Any], experiment: Experiment) -> tuple[PanelRun, str]:
-    """Read a log for the panels, with the NAME.map.toml next to it if there is one; return it and notes on its file.
+    """Read a robot's log for the panels, with the column map next to it if any; return it and notes on its file.
 
     Args:
         ask: "log", one of `known_logs`, and "shift_s"; untrusted.

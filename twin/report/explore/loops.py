@@ -21,7 +21,7 @@ HZ_PER_RAD_S = 1.0 / (2.0 * np.pi)
 
 
 def loops(experiment: Experiment, chosen: int | None) -> dict[str, Any]:
-    """Analyse the control loops at one operating point, JSON-serialisable.
+    """Analyse the control loops of an experiment at one operating point, JSON-serialisable.
 
     The block contains the frequencies (Hz), then the gain (dB) and the phase (deg) of each loop.
 

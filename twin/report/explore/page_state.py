@@ -38,7 +38,7 @@ CONTACT_KEY = "contact.stiffness_N_per_m"
 
 @dataclass(frozen=True)
 class PageBase:
-    """Options of the command line, equal for all pages.
+    """Command-line options of the explorer, equal for all its pages.
 
     Attributes:
         experiment: file or name, as given.
@@ -69,7 +69,7 @@ class PageBase:
 
 @dataclass(frozen=True)
 class PageState:
-    """A checked state of a page.
+    """State of an explorer page, checked: chosen drive and body, changed values, added faults.
 
     Attributes:
         drive: value of `--drive`; None for the file's own drive.
@@ -86,12 +86,12 @@ class PageState:
 
     @property
     def base_experiment(self) -> Experiment:
-        """The experiment without the changed `values`."""
+        """The page's experiment without the changed `values`."""
         return base_experiment(self.base, self.drive, self.body)
 
     @property
     def settings(self) -> list[str]:
-        """Changed values as `--set` options."""
+        """Values changed on the page, as `--set` options."""
         texts = []
         for key, value in self.values.items():
             if key == PACE_KEY:
@@ -103,12 +103,12 @@ class PageState:
         return [*self.base.settings, *texts]
 
     def load(self) -> Experiment:
-        """Load the experiment of this state."""
+        """Load the experiment with all changes of the page."""
         return load_experiment(self.base.experiment, self.settings, self.drive, self.body)
 
     @property
     def command(self) -> str:
-        """Shell command that runs this state."""
+        """Shell command that runs the experiment as changed on the page."""
         return run_command(run_words(self.base.experiment, self.settings, self.drive, self.body))
 
 
@@ -122,7 +122,7 @@ def _load_base(experiment: str, settings: tuple[str, ...], drive: str | None, bo
 
 
 def base_experiment(base: PageBase, drive: str | None, body: str | None) -> Experiment:
-    """Load the command line's experiment with a drive and a body, unchanged; cached."""
+    """Load the command line's experiment with another drive and body, otherwise unchanged; cached."""
     return _load_base(base.experiment, base.settings, drive, body)
 
 
@@ -132,12 +132,12 @@ def _base_sliders(experiment: str, settings: tuple[str, ...], drive: str | None,
 
 
 def known_sliders(base: PageBase, drive: str | None, body: str | None) -> dict[str, Slider]:
-    """Return the sliders of the experiment with a drive and a body; cached."""
+    """Return the explorer's sliders for the experiment with a drive and a body; cached."""
     return _base_sliders(base.experiment, base.settings, drive, body)
 
 
 def parse_state(base: PageBase, state: Any) -> PageState:
-    """Check and parse the `state` of a page.
+    """Check and parse the state that an explorer page sends.
 
     Args:
         state: {"set": {key: value}, "drive": name, "body": name, "faults": [{"kind", "target", "onset_s", ..}]}; each
@@ -158,7 +158,7 @@ def parse_state(base: PageBase, state: Any) -> PageState:
 
 
 def adopt_state(base: PageBase, state: Any, accepted: Any) -> dict[str, Any]:
-    """Apply the robot's accepted parameters to the `state` of a page, as keys and faults.
+    """Add the robot's accepted parameters to the state of an explorer page, as changed keys and faults.
 
     Args:
         accepted: parameters accepted in a session, see `twin.studies.shadow.live_view.accepted_values`; untrusted.
@@ -186,7 +186,7 @@ def _round_digits(value: float) -> float:
 
 
 def _fault(table: Any) -> dict[str, Any]:
-    """Check a table of [[fault]]; the experiment checks the bounds of its numbers."""
+    """Check a page's table of [[fault]]; the experiment checks the bounds of its numbers."""
     name = table.get("kind") if isinstance(table, dict) else None
     if not isinstance(name, str) or name not in FAULT_KINDS:
         raise InputRefused(f"fault {str(name)[:80]!r}: no such kind; {nearest(str(name)[:80], FAULT_KINDS)}")
@@ -210,7 +210,7 @@ def _one_of(what: str, name: Any, files: Mapping[str, str]) -> str:
 
 
 def first_state(base: PageBase, settings: Sequence[str]) -> tuple[PageBase, dict[str, Any]]:
-    """Split `settings` of the command line into (base with the settings without a slider, initial page state)."""
+    """Split the command line's --set options into (base with those without a slider, initial page state)."""
     names = {"drive": base.drive, "body": base.body}
     there = known_sliders(PageBase(base.experiment), base.drive, base.body)
     rest, changed = [], {}
@@ -225,7 +225,7 @@ def first_state(base: PageBase, settings: Sequence[str]) -> tuple[PageBase, dict
 
 
 def _single(text: str) -> tuple[str, Any]:
-    """Parse "a.b=1" into (dotted key, value)."""
+    """Parse a --set option "a.b=1" into (dotted key, value)."""
     source = Source()
     apply_overrides(source, [text])
     names = key_names(text.partition("=")[0].strip())
@@ -236,7 +236,7 @@ def _single(text: str) -> tuple[str, Any]:
 
 
 def save_experiment(state: PageState, name: str) -> Path:
-    """Write an experiment to the current folder that extends the original one with the changes of `state`."""
+    """Write an experiment file to the current folder that extends the original one with a page's changes."""
     if not SAVED_NAME.fullmatch(name):
         raise InputRefused(f"{name[:80]!r}: expected a name of letters, digits, - and _")
     path = Path(f"{name}.toml")
@@ -256,7 +256,7 @@ def save_experiment(state: PageState, name: str) -> Path:
 
 
 def extension_text(state: PageState, path: Path) -> str:
-    """Return the text of an experiment file at `path` that extends the original one with the changes of `state`."""
+    """Return the text of an experiment file at `path` that extends the original one with a page's changes."""
     old = experiment_file(state.base.experiment).resolve()
     here = path.resolve().parent
     source = Source()
@@ -288,7 +288,7 @@ def _merge(into: dict[str, Any], tables: Mapping[str, Any]) -> None:
 
 
 def _tuples_to_lists(value: Any) -> Any:
-    """Convert tuples of an experiment to lists, which TOML can write."""
+    """Convert tuples in an experiment's values to lists, which TOML can write."""
     if isinstance(value, Mapping):
         return {key: _tuples_to_lists(item) for key, item in value.items()}
     return [_tuples_to_lists(item) for item in value] if isinstance(value, tuple | list) else value

@@ -44,14 +44,14 @@ TILE_MEASURES = (
 
 
 def shown_panels(run: PanelRun) -> list[str]:
-    """Return the titles of the panels with data in `run`."""
+    """Return the titles of the panels with data of the run."""
     return [panel.title for panel in EXPLORED_PANELS if any(quantity.read(run) for quantity in panel.quantities)]
 
 
 def panels_to_json(
     panels: Iterable[Panel], run: Any, block: DataBlock, span: tuple[float, float], width: int
 ) -> list[dict[str, Any]]:
-    """Convert `panels` to JSON-serialisable values; their samples are appended to `block`.
+    """Convert panels of curves to JSON-serialisable values; their samples are appended to `block`.
 
     Each of `width` parts of `span` keeps its extremes, so no spike is lost. Samples beyond the span stay coarse.
 
@@ -72,7 +72,7 @@ def panels_to_json(
 
 
 def _curve(read: Reader, run: Any, block: DataBlock, span: tuple[float, float], width: int) -> list[float] | None:
-    """Append a curve to the block; return [index of its first sample, count, first time (s), step (s)], or None."""
+    """Append a curve's samples to the block; return [index of its first, count, first time (s), step (s)], or None."""
     samples = read(run)
     if samples is None or not len(samples[0]):
         return None
@@ -82,7 +82,7 @@ def _curve(read: Reader, run: Any, block: DataBlock, span: tuple[float, float], 
 
 
 def _clip_samples(samples: Samples, span: tuple[float, float]) -> tuple[Curve, Curve, float]:
-    """Return (times, values, time step (s)) of slightly more than `span`."""
+    """Return the (times, values, time step (s)) of a curve in slightly more than `span`."""
     t, values = samples
     step = float(t[-1] - t[0]) / max(1, len(t) - 1)
     if not step:
@@ -125,7 +125,7 @@ def poses(run: PanelRun, block: DataBlock) -> dict[str, Any] | None:
 
 
 class Tile(NamedTuple):
-    """A number displayed above the plots.
+    """A number displayed above the explorer's plots.
 
     Attributes:
         name, unit: displayed name and unit.
@@ -144,7 +144,7 @@ class Tile(NamedTuple):
 
 
 def tiles(outcome: RunOutcome, held: Sequence[HeldForces]) -> list[Tile]:
-    """Return the numbers displayed above the plots: measures of the run, and the force range of each task."""
+    """Return the numbers displayed above the explorer's plots: measures of the run, and each task's force range."""
     found = []
     for measure in (ROWS_BY_KEY[key] for key in TILE_MEASURES):
         value, reason = (one := outcome.measures[measure.key]).value, one.reason

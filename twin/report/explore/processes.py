@@ -17,18 +17,18 @@ OUTDATED_TIMEOUT = 3.0
 
 
 class OutdatedAnswer(TwinError):
-    """A newer state was requested, and this answer exceeded `OUTDATED_TIMEOUT`."""
+    """Exception that cancels an answer: a newer state was requested, and it exceeded `OUTDATED_TIMEOUT`."""
 
 
 class AnsweringProcess:
-    """A warm process that answers requests of pages."""
+    """A process kept running to answer requests of explorer pages."""
 
     def __init__(self, limits: JobLimits):
         self._process = WarmProcess(ANSWER_JOB, limits, self._raise_if_stale)
         self.close = self._process.close
 
     def answer(self, base: Mapping[str, Any], ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
-        """Return the answer of `twin.report.explore.worker.answer_request`.
+        """Answer a page's request in the process, by `twin.report.explore.worker.answer_request`.
 
         Args:
             base: fields of `PageBase`.

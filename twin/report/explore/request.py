@@ -60,7 +60,7 @@ def _table_of(check: Check) -> Check:
 
 
 def _record_of(fields: Mapping[str, Check]) -> Check:
-    """Return a check for a table of these fields, each of which may be missing or null."""
+    """Return a check for a table with these fields, which may be missing or null."""
     return lambda value: (
         isinstance(value, dict)
         and all(key in fields and (one is None or fields[key](one)) for key, one in value.items())
@@ -98,7 +98,7 @@ OPERATION_FIELDS: Mapping[str, Mapping[str, Check]] = {
 
 
 def check_request(ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Check a request; return its operation and known fields, and drop other fields."""
+    """Check a request of an explorer page; return its operation and known fields, and drop other fields."""
     op = ask.get("op")
     if not isinstance(op, str) or op not in OPERATION_FIELDS:
         raise InputRefused(f"op {str(op)[:80]!r}: no such operation")

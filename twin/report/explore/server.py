@@ -91,7 +91,7 @@ FORBIDDEN_TEXT = (
 
 
 def read_assets() -> dict[str, tuple[bytes, str]]:
-    """Return the files that a page loads: path -> (content, media type)."""
+    """Return the files that an explorer page loads: path -> (content, media type)."""
     own = {
         asset.name: (asset.read_bytes(), MEDIA_TYPES[asset.name.rpartition(".")[2]])
         for asset in EXPLORER_ASSETS.iterdir()
@@ -105,7 +105,7 @@ def read_assets() -> dict[str, tuple[bytes, str]]:
 
 
 def lasting_token(port: int) -> str:
-    """Return the token of the server at `port`, the same after a restart, so that its pages reconnect."""
+    """Return the access token of the server at `port`, the same after a restart, so that its pages reconnect."""
     path = cache_folder("explore") / f"{port}.token"
     with contextlib.suppress(OSError, UnicodeError):
         token = path.read_text("ascii").strip()
@@ -119,7 +119,7 @@ def lasting_token(port: int) -> str:
 
 
 def error_message(problem: TwinError) -> str:
-    """Return the message of an error for a page; internal errors are printed in full on the terminal."""
+    """Return the message of an error for an explorer page; internal errors are printed in full on the terminal."""
     lines = terminal_text(str(problem)).splitlines()
     if type(problem) is not TwinError:
         return lines[0]
@@ -128,7 +128,7 @@ def error_message(problem: TwinError) -> str:
 
 
 class ExplorerServer:
-    """Server that answers pages until the last one has been closed for a while.
+    """Server of the explorer: answers pages until the last one has been closed for a while.
 
     Args:
         base: fields of `twin.report.explore.page_state.PageBase`.
@@ -146,7 +146,7 @@ class ExplorerServer:
         self._ending: asyncio.TimerHandle | None = None
 
     def begin(self, settings: list[str]) -> None:
-        """Check the command line and load its experiment.
+        """Check the explorer's command line and load its experiment.
 
         Raises:
             InputRefused: the experiment is refused.
@@ -159,7 +159,7 @@ class ExplorerServer:
         self._begun = found
 
     def serve(self, listening: socket.socket, token: str) -> None:
-        """Serve pages until the last one has been closed for a while, or Ctrl-C."""
+        """Serve explorer pages until the last one has been closed for a while, or Ctrl-C."""
         try:
             asyncio.run(self._serve(listening, token))
         finally:
@@ -191,11 +191,11 @@ class ExplorerServer:
             following.cancel()
 
     def end(self) -> None:
-        """End `serve`, from any thread."""
+        """End the server's `serve`, from any thread."""
         self._loop.call_soon_threadsafe(self._over.set)
 
     async def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Answer an HTTP request; return None to admit a request for the link.
+        """Answer an HTTP request; return None to admit a request that opens the WebSocket link.
 
         The first request of a browser carries the token in its address; the answer sets a cookie and redirects.
         """
@@ -240,7 +240,7 @@ class ExplorerServer:
         return Response(status, status.phrase, Headers({**headers, **(more or {})}), content)
 
     async def answer(self, ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
-        """Return the answer of a free process; a message under "refused" or "failed" if it has no other answer."""
+        """Answer a page's request with a free process; a message under "refused" or "failed" if that is impossible."""
         task = asyncio.create_task(self._answer(ask, outdated))
         self._answering.add(task)
         task.add_done_callback(self._answering.discard)
@@ -259,21 +259,21 @@ class ExplorerServer:
             self._idle.put_nowait(process)
 
     async def accept(self, ask: Mapping[str, Any]) -> dict[str, Any]:
-        """Forward a page's acceptance of a proposal to the session's twin."""
+        """Forward a page's acceptance of proposed parameters to the session's twin."""
         if self.session is None:
             return {"refused": "--follow: twin explore was started without a session"}
         refused = await self.session.accept(ask.get("proposal"))
         return {"refused": refused} if refused else {}
 
     async def adopt(self, ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
-        """Return a state of the page with the robot's accepted parameters."""
+        """Return the page's state with the robot's accepted parameters added."""
         accepted = self.session.accepted if self.session else []
         if not accepted:
             return {"refused": "nothing was accepted in this session"}
         return await self.answer({**ask, "accepted": accepted}, outdated)
 
     async def record(self, ask: Mapping[str, Any]) -> dict[str, Any]:
-        """Record a run of a state, like `twin run`, and write its report."""
+        """Record a run of a page's state, like `twin run`, and write its report."""
         found = await self.answer({**ask, "op": "command"}, threading.Event())
         if "refused" in found or "failed" in found:
             return found
@@ -297,7 +297,7 @@ class ExplorerServer:
 
 
 class RequestQueue:
-    """Requests of one page that are answered one after the other; only the newest of each kind counts.
+    """Queue of one page's requests, answered one after the other; only the newest of each kind counts.
 
     Attributes:
         outdated: event that is set when a newer answer of the kind being answered is requested.
@@ -310,7 +310,7 @@ class RequestQueue:
         self._kind = ""
 
     def add(self, kind: str, ask: dict[str, Any]) -> tuple[dict[str, Any] | None, dict[str, Any]]:
-        """Add a request. Return the request that will not be served, if any, and its answer."""
+        """Add a page's request to the queue. Return the request that will not be served, if any, and its answer."""
         before = self._waiting.get(kind)
         if before is None and len(self._waiting) >= MAX_WAITING:
             return ask, {"refused": f"{MAX_WAITING} requests of this page are waiting; try again"}
@@ -321,7 +321,7 @@ class RequestQueue:
         return before, {"outdated": True}
 
     async def next(self) -> dict[str, Any]:
-        """Return the request that has waited longest; wait for one if there is none."""
+        """Return the request that has waited longest; if the queue is empty, wait for one."""
         self._kind = ""
         while not self._waiting:
             self._some.clear()
@@ -332,7 +332,7 @@ class RequestQueue:
 
 
 class PageLink:
-    """The WebSocket link to one page."""
+    """The WebSocket link of the explorer to one page."""
 
     def __init__(self, link: ServerConnection, server: ExplorerServer):
         self._link, self._server = link, server
@@ -341,7 +341,7 @@ class PageLink:
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def attend(self, greeting: Mapping[str, Any]) -> None:
-        """Send the `greeting`, then answer requests until the page is closed."""
+        """Send the `greeting` to the page, then answer its requests until it is closed."""
         await self._send({"op": "begin", **greeting})
         answering = [asyncio.create_task(self._answer(lane)) for lane in self._lanes.values()]
         if self._server.session:
@@ -378,7 +378,7 @@ class PageLink:
             await self._reply(unserved, answer)
 
     async def _record(self, ask: Mapping[str, Any]) -> None:
-        """Record a run without delaying other answers."""
+        """Record a run for the page without delaying other answers."""
         found = await self._server.record(ask)
         await self._reply(ask, found)
 
@@ -399,7 +399,7 @@ class PageLink:
             await self._reply(ask, found)
 
     async def _show(self, session: "LiveSession") -> None:
-        """Send the robot's state whenever it changes."""
+        """Send the robot's state to the page whenever it changes."""
         shown = -1
         while True:
             if shown != session.version:

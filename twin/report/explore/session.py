@@ -66,18 +66,18 @@ PROTOCOL_ERRORS = (
 
 
 class NoSession(Exception):
-    """The peer is not a session of twin shadow; the argument is an error message."""
+    """Error that the peer is not a session of twin shadow; the argument is an error message."""
 
 
 class ForceStrip:
-    """Pressing forces of the last `STRIP_SPAN`, on a grid of `STRIP_STEP`."""
+    """Pressing forces of a session's last `STRIP_SPAN`, on a time grid of `STRIP_STEP`, for the page."""
 
     def __init__(self) -> None:
         self._columns: dict[str, dict[int, float]] = {topic: {} for topic in FORCE_CURVES}
         self._newest = 0
 
     def add(self, topic: str, t: float, force: float) -> None:
-        """Add a force (N) at `t` (s), usually later than the previous ones."""
+        """Add a pressing force (N) at `t` (s), usually later than the previous ones."""
         at, column = round(t / STRIP_STEP), self._columns[topic]
         self._newest = max(self._newest, at)
         column[at] = force
@@ -85,7 +85,7 @@ class ForceStrip:
             del column[first]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the names of the available curves and their concatenated samples, NaN in gaps, JSON-serialisable."""
+        """Return the available force curves and their concatenated samples, NaN in gaps, JSON-serialisable."""
         block, names = array("f"), []
         for topic, column in self._columns.items():
             if any(map(math.isfinite, column.values())):
@@ -104,7 +104,7 @@ class ForceStrip:
 
 
 class LiveSession:
-    """Viewer of a session, active during the explorer's lifetime.
+    """Viewer of a running `twin shadow` session, active during the explorer's lifetime.
 
     Args:
         address: address printed by `twin shadow --live`.
@@ -140,7 +140,7 @@ class LiveSession:
         self._watches = "" if self._token else f"Watching only: --follow has no token. {TOKEN_REMEDY}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the current state of the session, JSON-serialisable."""
+        """Return the state of the observed session, JSON-serialisable."""
         silent = "" if EVENTS_TOPIC not in self._types or ALARM_TOPIC in self._types else (
             "No alarms, and so no proposals: twin shadow runs without an alarm; its output states the reason."
         )  # fmt: skip
@@ -157,7 +157,7 @@ class LiveSession:
         }
 
     async def attend(self) -> None:
-        """Listen to the session, and reconnect whenever the connection ends; runs forever."""
+        """Listen to the `twin shadow` session, and reconnect whenever the connection ends; runs forever."""
         while True:
             self._problem = terminal_text(await self._listen())
             self._connection = None
@@ -166,7 +166,7 @@ class LiveSession:
             await asyncio.sleep(RETRY_INTERVAL)
 
     async def _listen(self) -> str:
-        """Listen until the connection ends; return the reason as a sentence."""
+        """Listen to the session until the connection ends; return the reason as a sentence."""
         found = False
         try:
             with socket.socket() as there:
@@ -203,7 +203,7 @@ class LiveSession:
         return f"The server at {self.name} is not a live server of twin; expected twin shadow --live. Trying again."
 
     async def _greet(self, connection: ClientConnection) -> None:
-        """Identify the peer and subscribe to its topics; a run gets no subscription, since that would start it."""
+        """Identify the peer and subscribe to the session's topics; a run is not subscribed, as that would start it."""
         self._begin_anew()
         async with asyncio.timeout(ANSWER_TIMEOUT):
             first = await _next_text(connection)
@@ -263,7 +263,10 @@ class LiveSession:
             self._answer[1].set_result(text)
 
     async def accept(self, proposal: object) -> str:
-        """Forward acceptance of `proposal` to the twin. Return an error message, or ""."""
+        """Forward the user's acceptance of `proposal` to the twin. Return an error message, or "".
+
+        Return an error message, or "".
+        """
         async with self._lock:
             if self._connection is None or self._watches:
                 return self._problem or self._watches
@@ -281,7 +284,7 @@ class LiveSession:
 
 
 async def _next_text(connection: ClientConnection) -> dict[str, Any]:
-    """Receive the next text message; binary messages before it are dropped, such as the time."""
+    """Receive the next text message of the session; earlier binary messages are dropped, such as the time."""
     while isinstance(frame := await connection.recv(), bytes):
         pass
     found: dict[str, Any] = json.loads(frame)
@@ -289,7 +292,7 @@ async def _next_text(connection: ClientConnection) -> dict[str, Any]:
 
 
 def _message_type(channel: dict[str, Any]) -> type[Message]:
-    """Build the message class from the channel's schema."""
+    """Build the protobuf message class from a channel's schema."""
     pool = DescriptorPool()
     for file in FileDescriptorSet.FromString(base64.b64decode(channel["schema"])).file:
         pool.Add(file)

@@ -71,7 +71,7 @@ _viewed_signals: dict[tuple[object, ...], frozenset[str]] = {}
 
 
 def answer_request(reporter: Reporter, here: str, base: dict[str, Any], ask: dict[str, Any]) -> dict[str, Any]:
-    """Answer a page's request; a job for guarded processes.
+    """Answer an explorer page's request; a job for guarded processes.
 
     Args:
         here: working folder of the command; an FMU may have changed the current one.
@@ -90,13 +90,13 @@ def answer_request(reporter: Reporter, here: str, base: dict[str, Any], ask: dic
 
 
 def _begin(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Parse the command line into the base of all pages and the initial state of a page."""
+    """Parse the explorer's command line into the base of all pages and the initial state of a page."""
     held, state = first_state(base, ask["settings"])
     return {"base": asdict(held), "state": state, **_describe(held, {"state": state})}
 
 
 def _describe(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the sliders of a state and the available drives, bodies, panels and faults."""
+    """Return the sliders of a page's state and the available drives, bodies, panels and faults."""
     state = parse_state(base, ask["state"])
     experiment = state.base_experiment
     return {
@@ -116,7 +116,7 @@ def _describe(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _show(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Run a state; return its numbers and the requested panels."""
+    """Simulate a page's state; return its numbers and the requested panels."""
     state, look = parse_state(base, ask["state"]), ViewRequest.from_request(ask)
     experiment = _check_duration(state.load())
     facts = {"title": experiment.title, "values": _derived_values(state, experiment), "command": state.command}
@@ -128,7 +128,7 @@ def _show(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _check_duration(experiment: Experiment) -> Experiment:
-    """Refuse an experiment that is too long to be run while a slider moves; else return it."""
+    """Refuse an experiment that is too long to be simulated while a slider moves; else return it."""
     if experiment.duration_ticks > MAX_TICKS:
         raise InputRefused(
             f"duration_s: {experiment.duration_ticks:,} ticks are too many to be run while a slider moves; expected at "
@@ -138,7 +138,7 @@ def _check_duration(experiment: Experiment) -> Experiment:
 
 
 def _run_state(state: PageState, experiment: Experiment, look: "ViewRequest", only: frozenset[str]) -> dict[str, Any]:
-    """Run `experiment`, built from `state`, keeping the signals `only` (empty for all); return the requested view."""
+    """Simulate an experiment, built from a page's state, and return the requested view of the run."""
     trace, events = Trace(only=only), EventLog()
     with assemble(experiment) as assembly:
         fields = fields_of(assembly.system)
@@ -171,7 +171,7 @@ def _run_state(state: PageState, experiment: Experiment, look: "ViewRequest", on
 
 
 def _derived_values(state: PageState, experiment: Experiment) -> dict[str, Any]:
-    """Return values that follow from changed keys, such as those of [plant] from [robot]."""
+    """Return the experiment's values that follow from keys changed on the page, such as [plant] from [robot]."""
     before = state.base_experiment.values
     there = known_sliders(state.base, state.drive, state.body)
     found = {key: value_at(experiment.values, key) for key in there if key not in state.values}
@@ -179,7 +179,7 @@ def _derived_values(state: PageState, experiment: Experiment) -> dict[str, Any]:
 
 
 class ViewRequest(NamedTuple):
-    """View of a run that a page requests.
+    """View of a run that an explorer page requests: time span, width, panels.
 
     Attributes:
         span: begin and end (s).
@@ -198,12 +198,12 @@ class ViewRequest(NamedTuple):
 
     @property
     def form(self) -> tuple[object, ...]:
-        """Part of the request that determines the signals it needs."""
+        """Parts of the view request that determine which signals it needs."""
         return (tuple(self.titles), self.robot, self.listed, self.layout)
 
     @classmethod
     def from_request(cls, ask: Mapping[str, Any]) -> "ViewRequest":
-        """Parse the view of a checked request."""
+        """Parse the requested view from a page's checked request."""
         titles, span, width = ask.get("panels") or [], ask.get("span"), ask.get("width") or 0
         if span is not None and (len(span) != 2 or not 0.0 <= span[0] < span[1]):
             raise InputRefused("span: expected two times in s, the earlier one first")
@@ -216,7 +216,7 @@ class ViewRequest(NamedTuple):
         return cls(titles, (begin, end), width, ask.get("robot") is True, ask.get("list") is True, layout)
 
     def picture(self, run: PanelRun, end: float, fig4: Fig4Runs | None = None) -> dict[str, Any]:
-        """Return the requested view of `run`, JSON-serialisable.
+        """Return the requested view of a run, panels and robot, JSON-serialisable.
 
         Args:
             run: a run, or a log with the interface of one.
@@ -237,7 +237,7 @@ class ViewRequest(NamedTuple):
 
 
 def _show_recording(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the view of a run of results/, for comparison."""
+    """Return the requested view of a recorded run of results/, for comparison."""
     name = ask.get("run")
     if name not in [str(folder) for folder in _folders()]:
         raise InputRefused(f"run {str(name)[:80]!r}: no such run in results/")
@@ -247,7 +247,7 @@ def _show_recording(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _log(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the view of a robot's log, for comparison."""
+    """Return the requested view of a robot's log, for comparison."""
     run, note = log_run(ask, parse_state(base, {}).base_experiment)
     found = ViewRequest.from_request(ask).picture(run, run.end)
     if not ask.get("layout") and not any(row["curve"] for panel in found["panels"] for row in panel["rows"]):
@@ -261,7 +261,7 @@ def _log(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _folders() -> list[Path]:
-    """Return the folders of finished runs, the newest first."""
+    """Return the folders of finished runs in results/, the newest first."""
     runs = [run for home in (Path("results"), EXPLORED_FOLDER) for run in stored_runs(home) if run.is_finished]
     return [run.folder for run in sorted(runs, key=lambda run: -run.recording.stat().st_mtime)]
 
@@ -276,21 +276,21 @@ def _save(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _command(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the `twin run` command of a state, after checking that the experiment can be loaded."""
+    """Return the `twin run` command of a page's state, after checking that the experiment can be loaded."""
     state = parse_state(base, ask["state"])
     state.load()
     return {"command": state.command, "drive": state.drive, "body": state.body, "settings": state.settings}
 
 
 def _onset(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the onset (s) of a fault in contact, as `twin faults` chooses it, for the state without faults."""
+    """Return the default onset (s) of a fault, in contact, as `twin faults` chooses it."""
     experiment = _check_duration(parse_state(base, ask["state"]).load())
     _, contact = default_onsets(healthy_run(replace(experiment, faults=())))
     return {"onset": contact * experiment.cosim.tick}
 
 
 def _loops(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Analyse the control loops of a state at one operating point."""
+    """Analyse the control loops of a page's state at one operating point."""
     # imported here: python-control takes a second to load
     from twin.report.explore.loops import loops
 
@@ -300,7 +300,7 @@ def _loops(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _score(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Judge the claims of the paper's figure with runs of this state."""
+    """Judge the claims of the paper's figure with runs of the page's state."""
     return claims(parse_state(base, ask["state"]))
 
 

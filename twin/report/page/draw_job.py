@@ -13,9 +13,7 @@ from twin.kernel.process.reporter import Reporter
 
 
 def draw_picture(reporter: Reporter, draw: str, shown: Path, path: Path) -> None:
-    """Call the function `draw` with the pickled data in `shown`, to write a picture to `path`; a job for guarded
-    processes.
-    """
+    """Draw a picture to `path` by calling the function `draw` with unpickled data; a job for guarded processes."""
     with shown.open("rb") as file:
         content = pickle.load(file)
     load_function(draw)(content, path)

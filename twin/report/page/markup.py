@@ -25,24 +25,24 @@ the others unchanged."""
 
 
 class Markup(str):
-    """HTML of the page; any other text is escaped when it is put into an element."""
+    """HTML text of a page; any other text is escaped when it is put into an element."""
 
     __slots__ = ()
 
 
 def element(tag: str, *children: str, **attributes: str) -> Markup:
-    """Return `<tag attribute="...">children</tag>`; the keyword `class_` gives class, `data_t` gives data-t."""
+    """Return an HTML element `<tag attribute="...">children</tag>`; keyword `class_` gives class, `data_t` data-t."""
     named = "".join(f' {key.strip("_").replace("_", "-")}="{escape(value)}"' for key, value in attributes.items())
     return Markup(f"<{tag}{named}>{join_markup(children)}</{tag}>")
 
 
 def join_markup(children: Iterable[str]) -> Markup:
-    """Concatenate children; escape those that are not `Markup`."""
+    """Concatenate children to HTML, escaping all other text than `Markup`."""
     return Markup("".join(child if isinstance(child, Markup) else escape(child) for child in children))
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], label: str) -> Markup:
-    """Return a table that scrolls in its own box on narrow screens; the first cell of each row is its heading.
+    """Return an HTML table that scrolls in its own box on narrow screens; the first cell of each row is its heading.
 
     Args:
         head: titles of the columns.
@@ -58,20 +58,20 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], label: str) -> Mar
 
 
 def section(key: str, title: str, *children: str) -> Markup:
-    """Return a section of the page with its heading."""
+    """Return an HTML section of the page with its heading."""
     heading = element("h2", title, id=f"{key}-title")
     return element("section", heading, *children, id=key, aria_labelledby=f"{key}-title")
 
 
 class DataBlock:
-    """The samples of one run, in the order of their addition."""
+    """The samples of one run's curves for a page's scripts, in the order of their addition."""
 
     def __init__(self) -> None:
         self._parts: list[NDArray[np.float32]] = []
         self._length = 0
 
     def add(self, values: Curve) -> list[int]:
-        """Append `values` of any shape, row by row; return [index of the first, count]."""
+        """Append `values` of any shape to the samples, row by row; return [index of the first, count]."""
         part = np.ravel(values).astype("<f4")
         place = [self._length, part.size]
         self._parts.append(part)
@@ -79,16 +79,16 @@ class DataBlock:
         return place
 
     def content(self) -> bytes:
-        """Return all samples as 32-bit floats, little-endian."""
+        """Return all samples of the block as 32-bit floats, little-endian."""
         return b"".join(part.tobytes() for part in self._parts)
 
     def text(self) -> str:
-        """Return all samples as text in the encoding of `twin.studies.packing`."""
+        """Return all samples of the block as text in the encoding of `twin.studies.packing`."""
         return text_of(np.concatenate([np.empty(0, "<f4"), *self._parts]))
 
 
 def thin_samples(values: Curve, factor: int) -> Curve:
-    """Thin `values` (n,) by `factor` without losing peaks: keep the extremes of every 2 `factor` samples, in order.
+    """Thin the curve `values` (n,) by `factor` without losing peaks: keep the extremes of every 2 `factor` samples.
 
     Sample j of the result is within 2 `factor` samples of j times `factor`.
     """
@@ -101,12 +101,12 @@ def thin_samples(values: Curve, factor: int) -> Curve:
 
 
 def thinning_factor(samples: int, most: int) -> int:
-    """Return the factor that thins `samples` to about `most`."""
+    """Return the factor that thins a curve of `samples` samples to about `most`."""
     return max(1, math.ceil(samples / most))
 
 
 def dark_filter() -> Markup:
-    """Return the SVG filter `#dark` that the style sheet applies to pictures."""
+    """Return the SVG filter `#dark` that the style sheet applies to pictures in dark mode."""
     rows = (f"{r:g} {g:g} {b:g} 0 {constant:g}" for r, g, b, constant in DARK_MATRIX)
     matrix = f'<feColorMatrix values="{" ".join(rows)} 0 0 0 1 0"/>'
     kind = 'id="dark" color-interpolation-filters="sRGB"'

@@ -83,8 +83,8 @@ SESSION_KEY = Markup(
 
 
 def accuracy(budget: budgeting.Budget, label: str) -> Markup:
-    """Return the accuracy section of a run: causes of its force error, the twin's own error, effects left out, and
-    wrong beliefs.
+    """Return the report's accuracy section of a run: causes of its force error, the twin's own error, effects left out,
+    and wrong beliefs.
     """
     found, why = headline(budget), budgeting.details(budget)
     together = ("all of them", budget.bias, None, budget.together, "sum of biases, root of squares")
@@ -130,7 +130,7 @@ def _row(one: budgeting.Contribution) -> tuple[Cell, ...]:
 
 
 def source(key: str, origins: Mapping[str, str]) -> str:
-    """Return the stated origin of the value of `key`; the robot's own if the table was filled from the robot."""
+    """Return the stated source of the experiment's value of `key`, from its file or from the robot."""
     for filled in FROM_ROBOT:
         if key not in origins and key.startswith(f"{filled}."):
             words = origins.get(f"robot{key.removeprefix(filled)}")
@@ -140,7 +140,7 @@ def source(key: str, origins: Mapping[str, str]) -> str:
 
 
 def parameters(run: ReportRun) -> Markup:
-    """Return all values of the experiment, table by table; values set on the command line are marked."""
+    """Return the report's tables of all values of the experiment; those set on the command line are marked."""
     rows = []
     for key, value in flatten(run.values):
         name, unit = name_and_unit(DECLARED_TABLES, key)
@@ -151,7 +151,7 @@ def parameters(run: ReportRun) -> Markup:
 
 
 def differences(runs: Sequence[ReportRun]) -> list[tuple[str, ...]]:
-    """Return (name, unit, value in each run ...) of every parameter, FMU and version that differs between the runs."""
+    """Return (name, unit, value in each run ...) of every parameter, FMU and version that differs between runs."""
     return [
         (*name_and_unit(DECLARED_TABLES, key), *values)
         for key, values in differing_values([_recorded_values(run) for run in runs]).items()
@@ -164,12 +164,12 @@ def _recorded_values(run: ReportRun) -> dict[str, str]:
 
 
 def command(run: ReportRun) -> str:
-    """Return the command that reproduces this recording, in the folder where it was made."""
+    """Return the command that reproduces a recorded run, in the folder where it was made."""
     return run_command(repeating_words(run.summary, run.name, options(run.values, run.origins)))
 
 
 def provenance(run: ReportRun) -> Markup:
-    """Return command, seed, recording hash and versions of a run, and its whole experiment for download."""
+    """Return the report's section on origin: command, seed, recording hash, versions and experiment of a run."""
     versions = run.recording.metadata.get("versions", {})
     rows = [
         ("command of its experiment" if run.recording.deviations else "command", element("code", command(run))),
@@ -188,7 +188,7 @@ def provenance(run: ReportRun) -> Markup:
 
 
 def drives(run: ReportRun) -> Markup:
-    """Return a table of the FMUs: joint, file, model, FMI version, tool, hash, settings, signal mapping."""
+    """Return the report's table of a run's FMUs: joint, file, model, FMI version, tool, hash, settings, mapping."""
     joints: dict[str, list[str]] = {}
     for name, fmu in run.fmus.items():
         joints.setdefault(json.dumps(fmu), []).append(name.removeprefix("drive_"))
@@ -216,7 +216,7 @@ def drives(run: ReportRun) -> Markup:
 
 
 def timing(runs: Sequence[ReportRun]) -> Markup:
-    """Return a table of the runs' durations, and of each component's time per tick if it was measured."""
+    """Return the report's table of the runs' durations, and of each component's time per tick if it was measured."""
     rows = []
     for text, key, unit in (
         ("simulated", "simulated", "s"),
@@ -239,7 +239,7 @@ def _format_value(value: object, unit: str) -> str:
 
 
 class Section(NamedTuple):
-    """A section of the page; `title` is also its text in the table of contents."""
+    """A section of the report; `title` is also its text in the table of contents."""
 
     key: str
     title: str
@@ -249,7 +249,7 @@ class Section(NamedTuple):
 def sections(
     runs: Sequence[ReportRun], verdict: PageVerdict, picture: Markup | None, budgets: Sequence[budgeting.Budget] = ()
 ) -> list[Section]:
-    """Return all sections after the player; `budgets` is empty or has one budget per run."""
+    """Return all sections of the report after the player; `budgets` is empty or has one budget per run."""
     budget = _accuracies(runs, budgets) if budgets else None
     found = [
         ("numbers", "Claims and measures", numbers(runs, verdict)),
@@ -270,7 +270,7 @@ def _accuracies(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget]) 
 
 
 def verdict_section(runs: Sequence[ReportRun], verdict: PageVerdict, key_numbers: Markup | None = None) -> Markup:
-    """Return the first section: headline, four numbers of each run or `key_numbers`, and remarks.
+    """Return the report's first section: headline, four numbers of each run or `key_numbers`, and remarks.
 
     The player is next to it; all other numbers follow after the player.
     """
@@ -284,7 +284,7 @@ def verdict_section(runs: Sequence[ReportRun], verdict: PageVerdict, key_numbers
 
 
 def _boxes(runs: Sequence[ReportRun]) -> Markup:
-    """Return four key numbers of the true signals, the same for each run, labelled if there are several runs."""
+    """Return the report's boxes with four key numbers of the true signals of each run."""
     groups = []
     for run, found in zip(runs, key_measures(runs), strict=True):
         boxes = [
@@ -302,7 +302,7 @@ def _boxes(runs: Sequence[ReportRun]) -> Markup:
 
 
 def numbers(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup:
-    """Return the basis of the verdict: claims, measures, and differences between the runs."""
+    """Return the report's section with the basis of the verdict: claims, measures, differences between the runs."""
     parts = [_claims(group) for group in verdict.groups]
     parts += [element("h3", "Measures: what truly happened, and what the robot believed"), _measures(runs)]
     if len(runs) > 1:
@@ -315,7 +315,10 @@ def numbers(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup:
 
 
 def events(run: ReportRun) -> Markup:
-    """Return the table of events; a click on a time moves the player. Phases of tasks, which are many, are folded."""
+    """Return the report's table of events; a click on a time moves the player.
+
+    Phases of tasks, which are many, are folded.
+    """
     rows = {
         debug: [
             (element("button", f"{event.time:.3f} s", type="button", class_="at", data_t=f"{event.time:.9g}"),
@@ -358,7 +361,7 @@ def _claim(finding: ClaimFinding) -> tuple[str, ...]:
 
 
 def _measures(runs: Sequence[ReportRun]) -> Markup:
-    """Return the table of measures: a measure per row, a run per column."""
+    """Return the report's table of measures: a measure per row, a run per column."""
     found = [{(m.text, m.unit): m for m in run.measures} for run in runs]
     lines = dict.fromkeys(key for one in found for key in one)
     if len(runs) == 1:
@@ -376,7 +379,7 @@ def _measure(measure: RunMeasure | None) -> Markup:
 
 
 def _number(measure: RunMeasure) -> str:
-    """Return the true value of a measure, or the reason why it is missing."""
+    """Format the true value of a measure, or the reason why it is missing."""
     return f"none ({measure.reason})" if math.isnan(measure.true) and measure.reason else number_text(measure.true)
 
 
@@ -389,7 +392,7 @@ def _folded_parameters(run: ReportRun) -> Markup:
 
 
 def _of_each(runs: Sequence[ReportRun], write: Callable[[ReportRun], Markup]) -> Markup:
-    """Return the section written by `write` for one run, or those of several runs under their labels."""
+    """Return the HTML that `write` makes for one run, or for several runs each under its label."""
     if len(runs) == 1:
         return write(runs[0])
     return join_markup([part for run in runs for part in (element("h3", run.label), write(run))])
@@ -401,7 +404,7 @@ def write_report(
     budget: bool = False,
     say: Say = ignore_progress,
 ) -> Answer:
-    """Write the report on the runs at `runs`.
+    """Write the report page on the runs at the given paths, as one HTML file.
 
     Args:
         runs: at least one path; see `report_runs`.
@@ -440,7 +443,7 @@ def write_report(
 
 
 def report_page(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget] = ()) -> tuple[str, str]:
-    """Return (HTML, headline) of the page on `runs`; `budgets` is empty or has one budget per run.
+    """Return (HTML, headline) of the report on runs; `budgets` is empty or has one budget per run.
 
     The same recordings, summaries and budgets give the same text.
     """
@@ -453,7 +456,7 @@ def report_page(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget] =
 
 
 def session_page(runs: Sequence[ReportRun]) -> tuple[str, str]:
-    """Return (HTML, headline) of the page on sessions with a robot."""
+    """Return (HTML, headline) of the report on recorded sessions with a robot."""
     judged = session_verdict(runs)
     data, factor = _data(runs, SESSION_PANELS, "estimator", "plant")
     found = [
@@ -502,7 +505,7 @@ def _fill_template(
 def _data(
     runs: Sequence[ReportRun], shown: Sequence[Panel] | None = None, robot: str = "plant", model: str = ""
 ) -> tuple[dict[str, Any], int]:
-    """Return the data for the page's scripts, and the thinning factor of the samples."""
+    """Return the samples and other data for the page's scripts, and the thinning factor of the samples."""
     blocks = [DataBlock() for _ in runs]
     # in threads: hashing and compression release the GIL
     with ThreadPoolExecutor(2) as pool:
@@ -539,7 +542,7 @@ def _remark(scenes: Sequence[dict[str, Any] | None], factor: int) -> Markup:
 
 
 def _chooser(runs: Sequence[ReportRun], scenes: Sequence[dict[str, Any] | None]) -> Markup:
-    """Return the menu that selects the run in the player; empty for one run."""
+    """Return the HTML menu that selects the run in the player; empty for one run."""
     if len(runs) == 1:
         return Markup()
     options = [
@@ -551,7 +554,7 @@ def _chooser(runs: Sequence[ReportRun], scenes: Sequence[dict[str, Any] | None])
 
 
 def _json(data: object) -> str:
-    """Encode as JSON that cannot end its script element, whatever texts it contains."""
+    """Encode data as JSON for a page's script element; no text in it can end the element."""
     return json.dumps(to_dict(data), ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 

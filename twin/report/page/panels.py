@@ -30,7 +30,7 @@ PATCH_HALF_WIDTH, PATCH_FIELDS = 45.0, 10
 
 
 class PanelRun:
-    """A run with the values of its experiment, for panels and player.
+    """A run and the values of its experiment, as input of panels and player.
 
     Attributes:
         view: the run.
@@ -47,28 +47,28 @@ class PanelRun:
         }  # fmt: skip
 
     def time(self, topic: str) -> Curve:
-        """Return the times of the samples of a topic (s), (n,)."""
+        """Return the sample times of a topic of the run (s), (n,)."""
         if topic not in self._times:
             self._times[topic] = self.view.time(topic)
         return self._times[topic]
 
     @property
     def end(self) -> float:
-        """Time of the last sample (s)."""
+        """Time of the run's last sample (s)."""
         return max(float(self.time(_topic(key))[-1]) for key in self.fields)
 
     def has(self, *keys: str) -> bool:
-        """Return whether the run has samples of all these signals."""
+        """Whether the run has samples of all these signals."""
         return all(key in self.fields for key in keys)
 
     def column(self, key: str, column: int | None) -> Curve:
-        """Return the samples of a signal, or of one column of it."""
+        """Return the samples of a signal of the run, or of one column of it."""
         self.used.add(key)
         values = self.view[key]
         return values if column is None else values[:, column]
 
     def values_at(self, key: str, t: Curve) -> Curve:
-        """Return the samples of a signal that hold at times `t` (s), (n,); raise as `column`."""
+        """Return the run's samples of a signal that hold at times `t` (s), (n,); raise as `column`."""
         return self.column(key, None)[held_samples(self.time(_topic(key)), t)]
 
 
@@ -79,7 +79,9 @@ def _topic(key: str) -> str:
 def scene(
     run: PanelRun, block: DataBlock, most: int = MAX_FRAMES, robot: str = "plant", model: str = ""
 ) -> dict[str, Any] | None:
-    """Return a run for the player, mm and N; None without poses of the robot. At most `most` poses go into `block`.
+    """Return the data of a run for the player, which animates the robot, mm and N; None without poses of the robot.
+
+    At most `most` poses go into `block`.
 
     `frames` has their place in the block, each column of all n frames together: A (9), p_B (3), displacement of the
     surface (3), F_ee_B (3), F_ee_B estimated (3; absent without an estimator), and A and p_B of a second robot.
@@ -117,7 +119,7 @@ def scene(
 
 
 def surface(contact: Mapping[str, Any]) -> list[list[list[float]]]:
-    """Return points of the untouched surface in B, (PATCH_FIELDS + 1, PATCH_FIELDS + 1, 3), mm, apex in the middle.
+    """Return points of the untouched body surface in B, (PATCH_FIELDS + 1, PATCH_FIELDS + 1, 3), mm, apex central.
 
     Args:
         contact: [contact] of the experiment; shapes and axes as in `twin.robot.plant.contact`.
@@ -141,7 +143,7 @@ def _or_still(run: PanelRun, key: str, t: Curve) -> Curve:
 
 
 def series(key: str, column: int | None = None, scale: float = 1.0) -> Reader:
-    """Return a reader of `topic.field`, or of one `column` of it, times `scale`."""
+    """Return a function that reads the samples of the signal `topic.field` from a run, times `scale`."""
 
     def samples(run: PanelRun) -> Samples | None:
         if not run.has(key):
@@ -152,7 +154,7 @@ def series(key: str, column: int | None = None, scale: float = 1.0) -> Reader:
 
 
 def deviation(axis: int) -> Reader:
-    """Return a reader of the platform's true deviation from the pre-defined reference along `axis`, mm."""
+    """Return a function that reads the platform's true deviation from the reference along `axis` from a run, mm."""
 
     def samples(run: PanelRun) -> Samples | None:
         if not run.has("plant.p_B", "controller.p_ref_B"):
@@ -164,14 +166,14 @@ def deviation(axis: int) -> Reader:
 
 
 def surface_height(run: PanelRun) -> Samples | None:
-    """Return times (s) and heights (mm) of the apex of a moving surface; None if the surface does not move."""
+    """Return the times (s) and heights (mm) of the apex of a moving surface; None if the surface does not move."""
     if not run.has("body.s_B") or "contact" not in run.values:
         return None
     return run.time("body"), run.values["contact"]["height_mm"] + MM * run.column("body.s_B", 2)
 
 
 def spring_deflection(joint: int, motor: str, load: str) -> Reader:
-    """Return a reader of a spring's deflection theta_m - N theta_l (Eq. 20, before the dead zone), deg, motor side."""
+    """Return a function that reads a spring's deflection theta_m - N theta_l from a run (Eq. 20), deg, motor side."""
 
     def samples(run: PanelRun) -> Samples | None:
         if not run.has(motor, load) or "N" not in run.values.get("plant", {}):
@@ -185,7 +187,7 @@ def spring_deflection(joint: int, motor: str, load: str) -> Reader:
 
 
 def commanded_speed(joint: int) -> Reader:
-    """Return a reader of the drive's command, rad/s, from the last component between controller and drives."""
+    """Return a function that reads the drive's commanded speed, rad/s, from the last component before the drives."""
 
     def samples(run: PanelRun) -> Samples | None:
         last = next(
@@ -270,14 +272,14 @@ RUN_PANELS = (
 
 
 def panels(runs: Iterable[PanelRun], shown: Sequence[Panel] | None = None) -> list[Panel]:
-    """Return the panels that have data in any of `runs`, out of `shown` or the panels of runs."""
+    """Return the plot panels that have data in any of the runs, out of `shown` or all panels."""
     runs = list(runs)
     asked = (*RUN_PANELS, *_own_panels(runs)) if shown is None else shown
     return [panel for panel in asked if _shows_something(panel, runs)]
 
 
 def _own_panels(runs: Sequence[PanelRun]) -> list[Panel]:
-    """Return panels of the drives' own signals beyond the contract: a panel per name, a curve per joint."""
+    """Return plot panels of the drives' own signals beyond the contract: a panel per name, a curve per joint."""
     fields = {key: field for run in runs for key, field in run.fields.items() if key.startswith("drive/")}
     names = {
         field.name: field.unit for field in fields.values() if field.name not in CONTRACT_SIGNALS and field.size == 1
@@ -300,7 +302,7 @@ def _shows_something(panel: Panel, runs: Sequence[PanelRun]) -> bool:
 def curves(
     runs: Sequence[PanelRun], blocks: Sequence[DataBlock], shown: Sequence[Panel] | None = None
 ) -> tuple[list[dict[str, Any]], int]:
-    """Return (JSON-serialisable panels, thinning factor of the samples); samples of each run go into its block.
+    """Return (panels with their curves, JSON-serialisable, thinning factor); the samples go into each run's block.
 
     A curve is [index of its first sample in the block, count, first time (s), time step (s)]; None for a run without
     it.
@@ -330,12 +332,12 @@ def curves(
 
 
 def panel_facts(panel: Panel, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the page's data of a panel with `rows`."""
+    """Return a panel's title, unit and `rows` for the page."""
     return {"title": panel.title, "unit": "" if panel.unit == "1" else panel.unit, "rows": rows}
 
 
 def row_facts(quantity: PanelCurve) -> dict[str, Any]:
-    """Return the page's data of a quantity without its curves."""
+    """Return a plotted quantity's label, role and visibility for the page, without its curves."""
     return {"label": quantity.label, "role": quantity.role, "member": quantity.member, "shown": quantity.shown}
 
 

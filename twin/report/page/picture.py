@@ -72,7 +72,10 @@ def drawing(draw: str, shown: object, size: int = 0) -> Iterator[Callable[[], by
 
 
 def _wait_until_done(process: GuardedProcess) -> bool:
-    """Wait for the drawing process; return whether it succeeded. If not, the caller draws the picture itself."""
+    """Wait for the process that draws the picture; return whether it succeeded.
+
+    If not, the caller draws the picture itself.
+    """
     while not process.gone and process.age < DRAW_TIMEOUT:
         for report in process.reports(POLL_INTERVAL):
             return "finished" in report
@@ -80,7 +83,7 @@ def _wait_until_done(process: GuardedProcess) -> bool:
 
 
 def picture(runs: Sequence[ReportRun], verdict: PageVerdict) -> AbstractContextManager[Callable[[], Markup | None]]:
-    """Start drawing the picture of `runs`; the context manager yields a function that waits for the picture.
+    """Start drawing the report's picture of `runs`; the context manager yields a function that waits for the picture.
 
     Fig. 4 for its two runs, Fig. 5 for runs with tasks, the layout of Fig. 4 for one run; the function returns None for
     any other runs.
@@ -107,7 +110,7 @@ def _figure(runs: Sequence[ReportRun], draw: str, shown: object, text: str) -> I
 
 
 def figure(content: bytes, text: str) -> Markup:
-    """Return a figure with an embedded PNG picture and its caption."""
+    """Return an HTML figure with an embedded PNG picture and its caption."""
     # the size is at a fixed offset of a PNG file; with it the browser reserves the space
     width, height = struct.unpack_from(">II", content, 16)
     source = f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"

@@ -65,7 +65,7 @@ class RunMeasure(NamedTuple):
 
     @property
     def true_text(self) -> str:
-        """True value as in the verdict: `0.094 N`; "none" if missing."""
+        """True value of the measure as text of the verdict: `0.094 N`; "none" if missing."""
         if self.digits is None or not math.isfinite(self.true):
             return number_text(self.true, self.unit) or "none"
         return f"{fixed_point(self.true, self.digits)} {self.unit}".rstrip()
@@ -77,14 +77,14 @@ class RunMeasure(NamedTuple):
 
 
 def number_text(value: float, unit: str = "") -> str:
-    """Format `value` with four significant digits; `never` for infinity, "" for NaN."""
+    """Format a number with four significant digits; `never` for infinity, "" for NaN."""
     if math.isnan(value):
         return ""
     return f"{value:.4g} {unit}".rstrip() if math.isfinite(value) else "never"
 
 
 class ReportRun(PanelRun):
-    """A recording with a label that is unique in the report."""
+    """A recorded run with a label that is unique in the report."""
 
     def __init__(self, label: str, recording: Recording):
         # a system of FMUs has no experiment
@@ -93,7 +93,7 @@ class ReportRun(PanelRun):
 
     @property
     def name(self) -> str:
-        """Name of the experiment, or of the system's file."""
+        """Name of the run's experiment, or of the system's file."""
         return _name_of(self.recording)
 
     @property
@@ -102,12 +102,12 @@ class ReportRun(PanelRun):
 
     @property
     def origins(self) -> dict[str, str]:
-        """Source of each value, by dotted key."""
+        """Stated source of each value of the experiment, by dotted key."""
         return self.recording.metadata.get("origins", {})
 
     @cached_property
     def fmus(self) -> dict[str, dict[str, Any]]:
-        """Recorded facts of each drive's FMUs, by `drive_1` or `drive_1.part`."""
+        """Recorded descriptions of each drive's FMUs, by `drive_1` or `drive_1.part`."""
         return recorded_fmus(self.recording.metadata, self.recording.path)
 
     @cached_property
@@ -127,7 +127,7 @@ class ReportRun(PanelRun):
 
     @cached_property
     def outcome(self) -> Values:
-        """Measures of the run by key; empty without a true force."""
+        """Measures of the run's true held force, by key; empty without a true force."""
         return self._measure(self.recording)
 
     @cached_property
@@ -150,7 +150,7 @@ class ReportRun(PanelRun):
 
     @property
     def size(self) -> int:
-        """Size of the run's samples (bytes)."""
+        """Size of the run's recorded samples (bytes)."""
         return sum(stream.records.nbytes for stream in self.recording.streams.values())
 
 
@@ -161,7 +161,7 @@ def _name_of(recording: Recording) -> str:
 
 
 def report_runs(paths: Sequence[Path]) -> list[ReportRun]:
-    """Read the runs at `paths`: folders, .mcap files, or results/EXPERIMENT for the latest.
+    """Read the recorded runs at `paths`: folders, .mcap files, or results/EXPERIMENT for the latest.
 
     Labels of runs of one experiment include the name of their folder.
 
@@ -190,7 +190,7 @@ def report_runs(paths: Sequence[Path]) -> list[ReportRun]:
 
 
 def outcome_text(run: ReportRun) -> str:
-    """Return the first measures in a sentence; "" if no force was held."""
+    """Describe the first measures of a held force in a sentence; "" if no force was held."""
     values = run.outcome
     if not values or values["hold_error"].value is None:
         return ""
@@ -200,7 +200,7 @@ def outcome_text(run: ReportRun) -> str:
 
 
 def measures(run: ReportRun) -> list[RunMeasure]:
-    """Return all measures whose series `run` has, the force first."""
+    """Return all measures of a run whose series it has, the force first."""
     found = _table_measures(run)
     if run.has("plant.F_ee_B"):
         found += _force(run)
@@ -214,12 +214,12 @@ def measures(run: ReportRun) -> list[RunMeasure]:
 
 
 def scored_values(run: ReportRun) -> dict[str, float]:
-    """Return the true values of scored measures by short name; infinity for events that never happened, no NaN."""
+    """Return a run's true values of scored measures by short name; infinity for events that never happened, no NaN."""
     return {m.short: m.true for m in run.measures if m.short and not math.isnan(m.true)}
 
 
 def key_measures(runs: Sequence[ReportRun]) -> list[list[RunMeasure]]:
-    """Return the key numbers of each run: the first of `KEY_MEASURES` that all runs have.
+    """Return the key numbers of each run for the report: the first of `KEY_MEASURES` that all runs have.
 
     If a force is held, first measures without a value count too, such as chatter below the reporting threshold.
     """
@@ -237,7 +237,7 @@ def _is_key(measure: RunMeasure, run: ReportRun) -> bool:
 
 
 def unscored_reasons(run: ReportRun, asked: Container[str]) -> dict[str, list[str]]:
-    """Return why measures are missing: reason -> short names.
+    """Return the reasons why measures of a run are missing: reason -> short names.
 
     Args:
         asked: short names of measures to explain, in addition to those with a missing series.
@@ -260,7 +260,7 @@ def unscored_reasons(run: ReportRun, asked: Container[str]) -> dict[str, list[st
 
 
 def _table_measures(run: ReportRun) -> list[RunMeasure]:
-    """Return the measures of `twin.robot.run.measures`, true and, for a force, as estimated by the robot."""
+    """Return a run's measures of `twin.robot.run.measures`, true and, for a force, as estimated by the robot."""
     found = []
     for measure in MEASURE_ROWS if run.outcome else ():
         one = run.outcome[measure.key]

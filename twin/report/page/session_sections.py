@@ -47,12 +47,12 @@ COUNT_LABELS = {
 
 
 def is_session(recording: Recording) -> bool:
-    """Return whether `twin shadow` made the recording."""
+    """Whether `twin shadow` made the recording."""
     return "shadow" in recording.metadata
 
 
 def require_sessions(runs: Sequence[ReportRun]) -> None:
-    """Refuse runs among sessions: a session has no true signals to compare a run with."""
+    """Refuse a report that mixes runs and sessions: a session has no true signals to compare a run with."""
     for run in runs:
         if not is_session(run.recording):
             raise InputRefused(
@@ -62,13 +62,13 @@ def require_sessions(runs: Sequence[ReportRun]) -> None:
 
 
 class _RecordedModel(BaseModel):
-    """Base of records parsed from a recording, whose content is untrusted."""
+    """Base of records that are parsed from a recording, whose content is untrusted."""
 
     model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
 
 
 class StateChange(_RecordedModel):
-    """A state change of the alarm, see `WatchEvent`; without a channel it has no evidence."""
+    """A recorded state change of a session's alarm; without a channel it has no evidence."""
 
     t_s: float
     state: str
@@ -82,7 +82,7 @@ class StateChange(_RecordedModel):
 
 
 class SessionFacts(_RecordedModel):
-    """The part of `shadow_facts` that the page shows."""
+    """Recorded results of a `twin shadow` session, as far as the page shows them."""
 
     counts: dict[str, WholeNumber]
     dropped: WholeNumber
@@ -120,7 +120,7 @@ def _facts_of(text: str, path: Path) -> SessionFacts:
 
 
 def even_samples(read: Reader) -> Reader:
-    """Wrap a reader so that it gives one sample per period, with NaN for missing ones: gaps become visible."""
+    """Wrap a reader of samples so that it gives one sample per period, with NaN for missing ones as visible gaps."""
 
     def samples(run: PanelRun) -> Samples | None:
         found = read(run)
@@ -148,7 +148,7 @@ def _nis_samples(run: PanelRun) -> Samples | None:
 
 
 def predicted_samples(key: str, topic: str = "ahead") -> Reader:
-    """Return a reader of the later half of each prediction of `topic`, concatenated; NaN in between."""
+    """Return a function that reads the later half of each prediction of `topic`, concatenated; NaN in between."""
 
     def samples(run: PanelRun) -> Samples | None:
         if not run.has(f"{topic}.{key}", f"{topic}.made"):
@@ -218,7 +218,7 @@ SESSION_PANELS = (
 
 
 def session_verdict(runs: Sequence[ReportRun]) -> PageVerdict:
-    """Judge the sessions; the headline begins with their alarms."""
+    """Judge recorded sessions with a robot; the headline begins with their alarms."""
     clauses, alarms, others, watched = [], list[str](), list[str](), True
     for run in runs:
         facts, note = session_facts(run), run.recording.note
@@ -241,7 +241,7 @@ def _source(run: ReportRun) -> str:
 
 
 def boxes(run: ReportRun) -> Markup:
-    """Return the key numbers of a session."""
+    """Return the boxes with the key numbers of a session for its page."""
     facts, found = session_facts(run), []
     if joints := [one.rms for _, _, one in _residuals(run, RESIDUAL_TABLE[:1])]:
         found.append((f"{max(joints):.3g} deg", "joints off, rms, the worst"))
@@ -260,7 +260,7 @@ def boxes(run: ReportRun) -> Markup:
 
 
 def residuals(run: ReportRun) -> Markup:
-    """Return the table of all residuals."""
+    """Return the table of all residuals of a session between robot and twin."""
     rows = [
         (text, unit, f"{one.mean:+.3g}", f"{one.rms:.3g}", f"{one.largest:+.3g}", _time_button(one.largest_time))
         for text, unit, one in _residuals(run)
@@ -273,7 +273,7 @@ def residuals(run: ReportRun) -> Markup:
 def _residuals(
     run: ReportRun, shown: Sequence[tuple[str, str, str, float]] = RESIDUAL_TABLE
 ) -> list[tuple[str, str, RunningStatistics]]:
-    """Return (label, unit, statistics in that unit) of each residual."""
+    """Return the (label, unit, statistics in that unit) of each residual of a session."""
     found = []
     for key, text, unit, scale in shown:
         if not run.has(key):
@@ -289,7 +289,7 @@ def _residuals(
 
 
 def alarms(run: ReportRun) -> Markup:
-    """Return the table of the alarm's state changes with their evidence."""
+    """Return the table of a session's alarm state changes with their evidence."""
     facts = session_facts(run)
     if facts is None:
         return element("p", UNFINISHED_TEXT)
@@ -312,7 +312,7 @@ def alarms(run: ReportRun) -> Markup:
 
 
 def gaps(run: ReportRun) -> Markup:
-    """Return the counts of missing and discarded samples, and the longest gaps."""
+    """Return the section on a session's missing and discarded samples, and the longest gaps."""
     facts, parts = session_facts(run), [element("p", UNFINISHED_TEXT)]
     if facts:
         rows = [(text, str(facts.counts[key])) for key, text in COUNT_LABELS.items() if key in facts.counts]
@@ -328,7 +328,7 @@ def gaps(run: ReportRun) -> Markup:
 
 
 def _gaps(run: ReportRun) -> Iterator[tuple[float, float, int]]:
-    """Yield begin (s), length (s) and number of missing samples of each gap."""
+    """Yield begin (s), length (s) and number of missing samples of each gap in a session."""
     t: Curve = run.time("encoder") if any(key.startswith("encoder.") for key in run.fields) else np.empty(0)
     if len(t) < 3:
         return
@@ -339,7 +339,7 @@ def _gaps(run: ReportRun) -> Iterator[tuple[float, float, int]]:
 
 
 def punctuality(run: ReportRun) -> Markup:
-    """Return a histogram of the messages' lateness, and the robot's clock compared with this machine's."""
+    """Return the histogram of a session's message lateness, and the robot's clock against this machine's."""
     facts = session_facts(run)
     if facts is None:
         return element("p", UNFINISHED_TEXT)
@@ -377,7 +377,7 @@ def _ms(seconds: float | None) -> str:
 
 
 def origin(run: ReportRun) -> Markup:
-    """Return source, experiment and recording of a session."""
+    """Return the section on the source, experiment and recording of a session."""
     versions = run.recording.metadata.get("versions", {})
     rows = [
         ("source", _source(run)),

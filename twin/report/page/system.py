@@ -25,12 +25,12 @@ MAX_EVENTS = 500
 
 
 def is_system(recording: Recording) -> bool:
-    """Return whether `twin cosim` made the recording."""
+    """Whether `twin cosim` made the recording."""
     return "system" in recording.metadata
 
 
 def system_sections(runs: Sequence[ReportRun]) -> tuple[str, list[tuple[str, str, Markup]]]:
-    """Return the headline and (key, title, content) of each section of the page on `runs`."""
+    """Return the headline and the sections (key, title, content) of the report on `twin cosim` runs."""
     for run in runs:
         if not is_system(run.recording):
             raise InputRefused(
@@ -58,7 +58,7 @@ def _sentence(run: ReportRun, before: str) -> str:
 
 
 def _signals(run: ReportRun) -> Markup:
-    """Return a picture for each unit, of panels with at most `MAX_PANEL_CURVES` curves."""
+    """Return pictures of a system's recorded signals, one per unit, with at most `MAX_PANEL_CURVES` curves a panel."""
     by_unit: dict[str, list[tuple[str, str, int | None]]] = {}
     for key, field in run.recording.fields().items():
         for column in range(field.size):

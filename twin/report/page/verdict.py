@@ -23,7 +23,7 @@ TRUTH_TITLE = "Judged on the true contact force, force-position run"
 
 @dataclass(frozen=True)
 class RunGroup:
-    """Claims of one figure or one task."""
+    """Judged claims of the paper about one figure or one task."""
 
     title: str
     findings: tuple[ClaimFinding, ...]
@@ -32,7 +32,7 @@ class RunGroup:
 
 @dataclass(frozen=True)
 class PageVerdict:
-    """Verdict on the runs.
+    """Verdict of the report on its runs: headline, remarks and judged claims.
 
     Attributes:
         headline: one sentence.
@@ -51,7 +51,7 @@ class PageVerdict:
 
 
 def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
-    """Judge `runs`: Fig. 4 if there is one with and one without force control, Fig. 5 for every run of tasks."""
+    """Judge runs by the paper's claims: Fig. 4 for runs with and without force control, Fig. 5 for runs of tasks."""
     pair, why_not = _fig4_runs(runs)
     with_tasks = [run.recording for run in runs if run.values.get("task") and run.has("controller.task")]
     fig5 = fig5_score(with_tasks) if with_tasks else None
@@ -116,7 +116,7 @@ def _headline(runs: Sequence[ReportRun], groups: Sequence[RunGroup], alarms: Seq
 
 
 def comparison_sentences(runs: Sequence[ReportRun]) -> list[str]:
-    """Compare each run with the first, in a sentence; empty for one run."""
+    """Compare the measures of each run with the first run's, a sentence each; empty for one run."""
     first = runs[0]
     return [
         compare_single_runs((run.label, first.label), (run.outcome, first.outcome), (run.values, first.values))
@@ -156,13 +156,13 @@ def _fig4_runs(runs: Sequence[ReportRun]) -> tuple[fig4_measures.Fig4Runs | None
 
 
 def _pair(runs: Sequence[ReportRun]) -> list[Recording]:
-    """Return the runs with and without force control; empty unless there is exactly one of each."""
+    """Return the recordings of Fig. 4 with and without force control; empty unless there is exactly one of each."""
     modes = [[run.recording for run in runs if _is_fig4(run, mode)] for mode in ("force_position", "position")]
     return [one for mode in modes for one in mode] if [len(mode) for mode in modes] == [1, 1] else []
 
 
 def _force_position_run(run: ReportRun) -> fig4_measures.Fig4Run | None:
-    """Return the force-position run of Fig. 4; None for any other run, or if it cannot be judged."""
+    """Return the run as force-position run of Fig. 4; None for any other run, or if it cannot be judged."""
     if not _is_fig4(run, "force_position"):
         return None
     try:
@@ -172,18 +172,18 @@ def _force_position_run(run: ReportRun) -> fig4_measures.Fig4Run | None:
 
 
 def _is_fig4(run: ReportRun, mode: str) -> bool:
-    """Return whether `run` follows the paper's Fig. 4 in a mode of the controller."""
+    """Whether a run follows the paper's Fig. 4 in a mode of the controller."""
     asked = run.name.startswith(FIG4_PREFIX) and run.values.get("controller", {}).get("mode") == mode
     return asked and run.has("controller.F_z", "plant.F_ee_B", "estimator.p_B", "scale.F_z")
 
 
 def _texts_by_run(runs: Sequence[ReportRun], texts: Callable[[ReportRun], Iterable[str]]) -> list[str]:
-    """Return `texts` of all runs, prefixed with their labels if there are several."""
+    """Return texts about all runs, prefixed with the runs' labels if there are several."""
     return [f"{run.label}: {text}" if len(runs) > 1 else text for run in runs for text in texts(run)]
 
 
 def _alarms(run: ReportRun) -> list[str]:
-    """Return the defects of a run: an incomplete recording, component failures, trips of the monitor."""
+    """List the defects of a run: an incomplete recording, component failures, trips of the monitor."""
     note = run.recording.note
     texts = [f"{note[0].upper()}{note[1:]}"] if note else []
     serious = [event for event in run.recording.events if event.level in ("error", "fatal")]

@@ -29,7 +29,7 @@ MAX_LISTED_TOPICS = 8
 
 @dataclass(frozen=True)
 class ExportResult:
-    """Outcome of an export.
+    """Outcome of the export of a recording: path, and numbers of signals and rows.
 
     Attributes:
         path: the file, or the folder of a bag.
@@ -99,7 +99,7 @@ def _load_recording(run: Path, maps: Sequence[str]) -> Recording:
 
 
 def selected_signals(recording: Recording, patterns: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return the names `topic.field` that match any of `patterns`, in the order of the file; all without patterns.
+    """Return the names `topic.field` of a recording that match any of `patterns`, in file order; all without patterns.
 
     Args:
         patterns: `arm.tip`, or with wildcards `arm.*`, `*.force`; a topic's name alone, `arm`, selects all its fields.
@@ -134,7 +134,9 @@ def _nearest(pattern: str, fields: dict) -> str:
 
 
 def recording_from_log(log: Log) -> Recording:
-    """Convert `log` to a recording: `arm.tip[0]`, `[1]`, ... become the field `tip` of the topic `arm`.
+    """Convert another tool's log to a recording: `arm.tip[0]`, `[1]`, ... become the field `tip` of the topic `arm`.
+
+    become the field `tip` of the topic `arm`.
 
     Raises:
         LogError: a signal is not named `TOPIC.FIELD`, signals of one topic have different times, or times before 0.

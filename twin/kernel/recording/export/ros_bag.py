@@ -84,7 +84,7 @@ MAX_BLOCK_MESSAGES = 10_000
 
 @dataclass
 class RosTopic:
-    """One topic of the bag.
+    """A topic of the ROS 2 bag to be written, made of a topic of the recording.
 
     Attributes:
         name: topic name: `/arm/tip`.
@@ -106,13 +106,13 @@ class RosTopic:
 
 
 def type_definition(kind: str) -> str:
-    """Return the definition of a message type with all types it refers to, in MCAP's ros2msg encoding."""
+    """Return the definition of a ROS message type with all types it refers to, in MCAP's ros2msg encoding."""
     own, others = _TYPE_DEFINITIONS[kind]
     return own + "".join(f"\n{'=' * 80}\nMSG: {name}\n{text}" for name, text in others.items()) + "\n"
 
 
 def ros_topics(topic: str, fields: Sequence[messages.Field], joints: JointFields) -> Iterator[RosTopic]:
-    """Yield the topics of the bag that carry `fields` of the recording's `topic`."""
+    """Yield the topics of a ROS 2 bag that carry `fields` of the recording's `topic`."""
     states: dict[str, dict[str, messages.Field]] = {}
     for one in fields:
         side, part = joints.get(one.name, ("", ""))
@@ -128,7 +128,10 @@ def ros_topics(topic: str, fields: Sequence[messages.Field], joints: JointFields
 
 
 def _joints(topic: str, side: str, one: messages.Field) -> list[str]:
-    """Return the joint names of a field: `joint_1` .. `joint_3`; `motor_2` for the topic `drive/2`."""
+    """Return the joint names of a recorded field: `joint_1` .. `joint_3`; `motor_2` for the topic `drive/2`.
+
+    `joint_3`; `motor_2` for the topic `drive/2`.
+    """
     own = topic.rpartition("/")[2]
     if one.size == 1 and own.isdigit():
         return [f"{side}_{own}"]
@@ -171,7 +174,7 @@ def _numbers(topic: str, one: messages.Field) -> RosTopic:
 
 
 class _Cdr:
-    """A CDR message under construction, little endian; numbers are aligned to their size, counted after the head."""
+    """A ROS message in CDR encoding under construction, little endian; numbers are aligned, counted after the head."""
 
     def __init__(self, topic: RosTopic) -> None:
         self._topic = topic
@@ -193,7 +196,7 @@ class _Cdr:
         self._body += content
 
     def elements(self, one: messages.Field, paths: Sequence[str]) -> None:
-        """Append the numbers of a field, and note their places and columns."""
+        """Append zeros for the numbers of a field to the ROS message, and note their places and columns."""
         self._align(8)
         for k, path in enumerate(paths):
             self._topic.places.append((len(self._head) + len(self._body), one.name, k))
@@ -215,7 +218,7 @@ class _Cdr:
 def write_ros_bag(
     folder: Path, recording: Recording, signals: Sequence[str], rate: float | None, joints: JointFields
 ) -> int:
-    """Write `signals` to the folder `folder`, replacing a bag written by twin; return the number of messages.
+    """Write signals of a recording as a ROS 2 bag to the folder `folder`; return the number of messages.
 
     Log times and stamps are simulation time.
 
@@ -262,7 +265,7 @@ def _write_file(
     times: dict[str, np.ndarray],
     rows: dict[str, np.ndarray],
 ) -> list[int]:
-    """Write the MCAP file of the bag; return the number of messages of each topic."""
+    """Write the MCAP file of a ROS 2 bag; return the number of messages of each topic."""
     kinds = list(dict.fromkeys(topic.kind for topic in topics))
     schemas = [Schema(k, type_definition(kind).encode(), "ros2msg", kind) for k, kind in enumerate(kinds, start=1)]
     qos = {"offered_qos_profiles": ""}
@@ -298,7 +301,7 @@ def _write_file(
 def _records(
     channel: int, topic: RosTopic, recording: Recording, times: np.ndarray, picked: np.ndarray, first: int
 ) -> np.ndarray:
-    """Encode the messages of `topic` at `times` (ns), with the rows `picked` of the recording, as MCAP records."""
+    """Encode messages of a bag's `topic` at `times` (ns), from rows `picked` of the recording, as MCAP records."""
     template = messages.record_template(channel, topic.body)
     # the numbers are copied below: they come from structured columns, not from rows
     records = messages.Filling(template, messages.NO_PLACES).records(times, first, np.empty((len(times), 0)))
@@ -316,7 +319,7 @@ def _records(
 
 
 def _metadata(file: str, topics: Sequence[RosTopic], counts: Sequence[int], times: Sequence[np.ndarray]) -> str:
-    """Return metadata.yaml of the bag, for rosbag2 (version 5, read by Humble and later)."""
+    """Return the metadata.yaml of a ROS 2 bag, for rosbag2 (version 5, read by Humble and later)."""
     start, end = min(int(t[0]) for t in times), max(int(t[-1]) for t in times)
     span = (
         f"duration:\n{{0}}  nanoseconds: {end - start}\n{{0}}starting_time:\n{{0}}  nanoseconds_since_epoch: {start}\n"
@@ -335,7 +338,7 @@ def _metadata(file: str, topics: Sequence[RosTopic], counts: Sequence[int], time
 
 
 def _map(topics: Sequence[RosTopic]) -> str:
-    """Return the column map with which twin reads the bag."""
+    """Return the column map for reading the exported ROS 2 bag with twin."""
     # imported here because other formats do not need it
     import tomlkit
 

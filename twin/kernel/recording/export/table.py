@@ -38,7 +38,7 @@ MAX_NAME_LENGTH = 63
 
 @dataclass(frozen=True)
 class SignalColumn:
-    """A column of a table, one number per row.
+    """A column of a table of recorded signals, one number per row.
 
     Attributes:
         name: `topic.field`, with `[i]` (from 0) for an element of a vector field.
@@ -55,7 +55,7 @@ class SignalColumn:
 
 @dataclass(frozen=True)
 class SignalTable:
-    """Columns on one time base.
+    """A table of recorded signals on one time base.
 
     Attributes:
         t: simulation time of the rows (n,), s.
@@ -67,7 +67,7 @@ class SignalTable:
 
 
 def signal_table(recording: Recording, signals: Sequence[str], rate: float | None = None) -> SignalTable:
-    """Resample `signals` onto one time base; each value is the newest at or before the row's time.
+    """Resample recorded `signals` onto one time base; each value is the newest at or before the row's time.
 
     Nothing is interpolated or filtered: every number was recorded, and a sampled component also keeps its value between
     samples. Rows begin when every signal has a value.
@@ -95,7 +95,7 @@ def signal_table(recording: Recording, signals: Sequence[str], rate: float | Non
 def time_base(
     recording: Recording, signals: Sequence[str], rate: float | None
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Return the message times of each topic of `signals`, and the times of the rows (ns); see `signal_table`."""
+    """Return the message times of each topic of `signals`, and the times of a table's rows (ns); see `signal_table`."""
     topics = dict.fromkeys(name.rpartition(".")[0] for name in signals)
     times = {topic: recording.streams[topic].head["log_time"].astype(np.int64) for topic in topics}
     fields = recording.fields()
@@ -103,7 +103,7 @@ def time_base(
 
 
 def row_times(times: Sequence[np.ndarray], rate: float | None, numbers: int = 1) -> np.ndarray:
-    """Return the times of the rows, ns, (n,) int64.
+    """Compute the times of the rows of a signal table, ns, (n,) int64.
 
     Args:
         times: message times of each topic, ns, ascending, not empty.
@@ -136,7 +136,7 @@ def row_times(times: Sequence[np.ndarray], rate: float | None, numbers: int = 1)
 
 
 def write_csv(path: Path, table: SignalTable) -> None:
-    """Write `table` to `path` as CSV; names carry the unit, numbers have the shortest text that restores the float64.
+    """Write a table of signals to `path` as CSV; names carry the unit, numbers restore the same float64.
 
     A name with a comma or a quote is quoted, a name that spreadsheets would take for a formula begins with an
     apostrophe. Booleans are 0 and 1, NaN is `nan`.
@@ -157,7 +157,7 @@ def write_csv(path: Path, table: SignalTable) -> None:
 
 
 def write_parquet(path: Path, table: SignalTable, metadata: Mapping[str, Mapping[str, str]]) -> None:
-    """Write `table` to `path` as Parquet: column `t` in s, then one column per number with `unit` and `meaning`.
+    """Write a table of signals to `path` as Parquet: column `t` in s, then one per number with `unit` and `meaning`.
 
     Args:
         metadata: metadata of the recording, name -> key -> text; each name becomes one JSON text in the file's
