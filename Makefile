@@ -67,7 +67,7 @@ bench: $(VENV)/.test-test,bench  ## speed, as ratios measured side by side; ONLY
 validation: $(VENV)/.test-validation  ## the twin beside what others made: writes the table of docs/validation.md
 	$(VENV)/bin/python -m validation
 
-survey: $(VENV)/.test-$(EXTRAS)  ## try every FMU below FMUS=folder, or system below SYSTEMS=folder: writes docs/compatibility.json and .md
+survey: $(VENV)/.test-$(EXTRAS)  ## try every FMU below FMUS=folder, or system below SYSTEMS=folder: writes docs/compatibility.json
 	$(VENV)/bin/python -m validation.survey $(or $(FMUS),docs/compatibility.json) $(if $(SYSTEMS),--systems $(SYSTEMS)) \
 	  --sources docs/compatibility.toml
 

@@ -1,4 +1,4 @@
-"""How cost grows as the work grows: `python -m benchmarks.growth` measures, and writes docs/performance.md's table.
+"""How cost grows as the work grows: `python -m benchmarks.growth` measures, and writes docs/building.md's table.
 
 Of each kind of work several sizes; the slope is that of a straight line through the logarithms of the larger half,
 where what is paid once no longer counts: 1 is proportional.
@@ -155,7 +155,7 @@ def openings() -> Iterator[Growth]:
 
 
 def table(found: list[Growth]) -> str:
-    """What docs/performance.md ends with."""
+    """What docs/building.md ends with."""
     rows = [
         (one.name, f"{one.sizes[0]:g}", f"{one.sizes[-1]:g} {one.size}", f"{one.seconds[-1]:.3g} s", f"{one.slope:.2f}")
         for one in found
@@ -192,10 +192,10 @@ def main() -> None:
 
 
 def rewrite(found: list[Growth]) -> None:
-    """The picture and the table of docs/performance.md."""
+    """The picture and the table of docs/building.md."""
     draw(found, DOCS / "performance.png")
-    prose, _, _ = (DOCS / "performance.md").read_text().partition(BEGIN)
-    write_text(DOCS / "performance.md", f"{prose}{BEGIN}\n{table(found)}")
+    prose, _, _ = (DOCS / "building.md").read_text().partition(BEGIN)
+    write_text(DOCS / "building.md", f"{prose}{BEGIN}\n{table(found)}")
 
 
 if __name__ == "__main__":

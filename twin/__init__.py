@@ -1,7 +1,7 @@
 """Co-simulation digital twin of a 3-DOF delta-like massage robot with series elastic joints.
 
 For programs, notebooks and tests: `load`, `run`, `read`, `check` and the types `Experiment` and `Run` (docs/python.md);
-`Cosimulation` for FMUs without the robot (docs/kernel.md). Each is imported on first use.
+`Cosimulation` for FMUs without the robot (docs/ssp.md). Each is imported on first use.
 """
 
 __version__ = "1.0.0"

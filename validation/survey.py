@@ -1,7 +1,7 @@
-"""`python -m validation.survey FOLDER`: try every FMU below a folder, and write down what came out as data and a page.
+"""`python -m validation.survey FOLDER`: try every FMU below a folder, and write the results as data.
 
 Each is tried in a process of its own: one that crashes, hangs or grows costs itself only. Of the .json of an earlier
-survey only the page is made again, and systems below `--systems FOLDER` are tried, if that is given.
+survey only the page is made again, with `--page FILE`; systems below `--systems FOLDER` are tried, too.
 """
 
 import argparse
@@ -59,13 +59,13 @@ KINDS = {
 HEAD = """# Which FMUs work
 
 What came of the FMUs that were tried, each by itself and in a process of its own: the reference experiments that came
-with it ([FMI-LS-REF](drives_method.md#what-came-with-an-fmu), or the files of the FMI Cross-Check beside it), and
+with it ([FMI-LS-REF](drives_reference.md#what-came-with-an-fmu), or the files of the FMI Cross-Check beside it), and
 without such its default experiment, with its own start values and no inputs. Whether it is a drive is another question:
 *drive* says that names, units and causalities fit the [contract](drives_reference.md#the-contract) as they are; most
 others need a mapping.
 
-This page is made from `docs/compatibility.json` by `make survey`; the FMUs are their makers' and no part of this
-project. An FMU runs with the rights of who starts it: a survey is for FMUs that one trusts.
+This page is made from `docs/compatibility.json`, which `make survey` writes. The FMUs belong to their makers and are no
+part of this project. An FMU runs with the rights of the user who starts it: survey only FMUs that you trust.
 """
 
 
@@ -342,7 +342,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("place", metavar="FOLDER", type=Path, help="with FMUs, or the .json of an earlier survey")
     parser.add_argument("--sources", metavar="FILE", type=Path, help="TOML: for each folder in FOLDER a table, `from`")
     parser.add_argument("--data", metavar="FILE", type=Path, default=DOCS / "compatibility.json", help="JSON to write")
-    parser.add_argument("--page", metavar="FILE", type=Path, default=DOCS / "compatibility.md", help="page to write")
+    parser.add_argument("--page", metavar="FILE", type=Path, help="page to write, too; the site makes its own")
     parser.add_argument("--systems", metavar="FOLDER", type=Path, help="with systems, which are tried, too")
     parser.add_argument("--limit-wall", metavar="S", type=float, default=60.0, help="longest time of one FMU")
     asked = parser.parse_args(arguments)

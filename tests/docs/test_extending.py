@@ -1,4 +1,4 @@
-"""The patches of docs/extending.md apply, are as small as CONTRIBUTING.md says, and do what the page says."""
+"""The patches of docs/building.md apply, are as small as CONTRIBUTING.md says, and do what the page says."""
 
 import json
 import os
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.skipif(shutil.which("git") is None, reason="git applies
 
 def sections(root: Path) -> dict[str, str]:
     """Those of the page that have a patch, by heading."""
-    _, *parts = re.split(r"^## (.+)\n", (root / "docs/extending.md").read_text(), flags=re.MULTILINE)
+    _, *parts = re.split(r"^### (.+)\n", (root / "docs/building.md").read_text(), flags=re.MULTILINE)
     return {heading: text for heading, text in zip(parts[::2], parts[1::2], strict=True) if PATCH.search(text)}
 
 
@@ -66,7 +66,7 @@ def test_a_patch_of_the_page_applies(root: Path, tmp_path: Path, heading: str):
 
 
 def test_every_row_of_contributing_that_counts_files_has_its_example_and_they_are_as_many(root: Path):
-    row = re.compile(r"^\| \[[^]]+\]\(docs/extending\.md#([\w-]+)\) \| (\d+) \|", re.MULTILINE)
+    row = re.compile(r"^\| \[[^]]+\]\(docs/building\.md#([\w-]+)\) \| (\d+) \|", re.MULTILINE)
     counted = {anchor: int(files) for anchor, files in row.findall((root / "CONTRIBUTING.md").read_text())}
     assert counted == {heading.lower().replace(" ", "-"): len(touched(heading)) for heading in EXAMPLES}
     assert len(counted) == 7

@@ -1,4 +1,4 @@
-"""Pages stay short: how-tos by a bound each, all that is written by hand by one together."""
+"""Bounds on the number of pages and on the words of each, and the question that each how-to begins with."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,20 +7,17 @@ from typing import Any
 import pytest
 import yaml
 
-MOST_OF_A_HOW_TO = 600
-MOST_BY_HAND = 60_000
-"""Words of all pages but what is generated: 50,000, and 2,000 for each of states, explorer, shadow, systems, safety."""
+MAX_PAGES = 52
+MAX_WORDS = 3_500
+"""Words of a page but what is generated."""
 WRITTEN = "<!-- from here on written by "
 """Marks the rest of a page as the output of a command."""
-GENERATED = ("compatibility.md",)
 TABLES = ("keys.md", "run_measures.md", "faults_reference.md", "roles_reference.md", "recording.md", "how_it_works.md")
 """Pages whose tables a test holds equal to the code, or a command prints."""
 
 
 def by_hand(page: Path) -> int:
     """Words of a page as `wc -w` counts them, less what is generated."""
-    if page.name in GENERATED:
-        return 0
     text = page.read_text().partition(WRITTEN)[0]
     lines = [line for line in text.splitlines() if page.name not in TABLES or not line.startswith("|")]
     return len(" ".join(lines).split())
@@ -34,8 +31,10 @@ def pages_of(entry: Any) -> Iterator[str]:
         yield entry
 
 
-def test_words_by_hand_are_bounded(root: Path):
-    assert sum(by_hand(page) for page in (root / "docs").glob("*.md")) <= MOST_BY_HAND
+def test_pages_are_few_and_none_is_long(root: Path):
+    words = {page.name: by_hand(page) for page in (root / "docs").glob("*.md")}
+    assert 40 < len(words) <= MAX_PAGES
+    assert {name: count for name, count in words.items() if count > MAX_WORDS} == {}
 
 
 def how_tos(root: Path) -> list[str]:
@@ -44,12 +43,11 @@ def how_tos(root: Path) -> list[str]:
     return list(pages_of(section))
 
 
-def test_every_how_to_is_short_and_begins_with_its_question(root: Path):
+def test_every_how_to_begins_with_its_question(root: Path):
     names = how_tos(root)
-    assert len(names) > 20
+    assert len(names) > 15
     for name in names:
         text = (root / "docs" / name).read_text()
-        assert len(text.split()) <= MOST_OF_A_HOW_TO, name
         first = text.split("\n\n")[1]
         assert first.startswith("*") and first.endswith("?*"), f"{name} begins with: {first}"
 

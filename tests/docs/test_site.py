@@ -1,5 +1,6 @@
 """The site is built without a warning, holds every page, and loads nothing from anywhere else."""
 
+import json
 import os
 import re
 import shutil
@@ -14,6 +15,8 @@ import pytest
 import yaml
 from playwright.sync_api import sync_playwright
 
+from docs.builder.hooks import SURVEY_PAGE
+from docs.builder.redirects import MOVED_PAGES, redirect_page
 from docs.builder.repository import Repository
 
 LEFT_OVER = re.compile(r"^(?:<p>)?(?:[-*] |\d+\. |\|[ -]).*$|\$<|<code>(?:sh|python|toml|text)$", re.MULTILINE)
@@ -38,7 +41,8 @@ def test_every_page_of_docs_is_in_the_navigation(root: Path):
             yield from [value] if isinstance(value, str) else named(value)
 
     nav = yaml.safe_load((root / "mkdocs.yml").read_text())["nav"]
-    assert sorted(named(nav)) == sorted(path.name for path in (root / "docs").glob("*.md"))
+    pages = [*(path.name for path in (root / "docs").glob("*.md")), SURVEY_PAGE]
+    assert sorted(named(nav)) == sorted(pages)
 
 
 @pytest.mark.slow
@@ -71,6 +75,43 @@ def test_every_link_leads_to_a_place_of_the_site(site: Path):
             if not target.exists() or (wanted and target in pages and wanted not in pages[target].ids):
                 broken.append((page.name, url))
     assert broken == []
+
+
+def test_a_page_that_moved_has_no_file_and_a_section_of_its_new_page(root: Path):
+    docs = root / "docs"
+    for key, target in MOVED_PAGES.items():
+        page, _, moved_id = key.partition("#")
+        text = (docs / f"{target}.md").read_text()
+        assert not (docs / f"{page}.md").exists(), page
+        assert f"{{#{moved_id or page}}}" in text, key
+
+
+def test_no_link_of_a_page_leads_to_a_page_that_moved(root: Path):
+    old = "|".join(key for key in MOVED_PAGES if "#" not in key)
+    link = re.compile(rf"\]\((?:docs/|(?:\.\./)+docs/)?(?:{old})\.md\b")
+    pages = [*(root / "docs").glob("*.md"), *root.glob("*.md"), *(root / "fmus").rglob("*.md")]
+    assert len(pages) > 40
+    assert [page.name for page in pages if link.search(page.read_text())] == []
+
+
+def test_a_redirect_leads_to_the_id_that_was_asked_for_or_to_the_section(tmp_path: Path):
+    ids = ("sweep", "cluster", "security", "cluster-when-something-goes-wrong", "when-something-goes-wrong")
+    (tmp_path / "sweep.html").write_text("".join(f'<h2 id="{name}">' for name in ids))
+    html = redirect_page("cluster", tmp_path)
+    (places,) = re.findall(r"const places = (.*);", html)
+    found = json.loads(places)
+    assert found["security"] == "sweep.html#security"
+    assert found["when-something-goes-wrong"] == "sweep.html#cluster-when-something-goes-wrong"
+    assert ': "sweep.html#cluster")' in html
+
+
+@pytest.mark.slow
+def test_an_old_address_leads_to_the_section_that_has_its_text(site: Path):
+    for key in MOVED_PAGES:
+        page, _, moved_id = key.partition("#")
+        html = (site / f"{page}.html").read_text()
+        assert not moved_id or f'"{moved_id}": "{MOVED_PAGES[key]}.html#{moved_id}"' in html
+    assert not any(f'"location":"{key}.html' in (site / "search/search_index.js").read_text() for key in MOVED_PAGES)
 
 
 @pytest.mark.slow

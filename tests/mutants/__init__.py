@@ -1,1 +1,1 @@
-"""Mutants: one small change of the source at a time, and whether a test notices (`make mutants`, docs/testing.md)."""
+"""Mutants: one small change of the source at a time, and whether a test notices (`make mutants`, docs/building.md)."""

@@ -42,7 +42,7 @@ def test_the_data_name_no_place_of_the_machine_they_were_made_on(root: Path):
 
 def test_the_page_of_the_parts_has_the_same_figures(root: Path):
     rows = read_json(root / "docs" / "validation.json")["findings"]
-    page = (root / "docs" / "export_fmu_reference.md").read_text()
+    page = (root / "docs" / "ssp_reference.md").read_text()
     for row in rows:
         if "beside the twin's own run" in row["claim"] and row["difference"]:
             assert f"| {row['difference']:.2g} of a signal's range |" in page

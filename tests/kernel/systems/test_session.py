@@ -81,7 +81,7 @@ def test_examples_of_the_page_are_as_short_as_asked_and_give_the_bits_of_the_com
     ran: Ran, root: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.chdir(root)
-    two, between = (block.text for block in blocks(root, "docs/from_python.md") if block.language == "python")
+    two, between, *_ = (block.text for block in blocks(root, "docs/ssp.md") if block.language == "python")
     assert len(two.splitlines()) <= 15 and len(between.splitlines()) <= 25
     names: dict[str, Any] = {}
     exec(two, names)

@@ -1,4 +1,4 @@
-"""Gain limits of every drive of fmus/, predicted and simulated: the table of docs/analysis_method.md.
+"""Gain limits of every drive of fmus/, predicted and simulated: the table of docs/loops.md.
 
 Run it with `python -m tests.studies.analyse.gain_limits`; it takes some minutes.
 """

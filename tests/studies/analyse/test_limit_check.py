@@ -133,7 +133,7 @@ def test_limits_that_were_not_tried_are_told_as_such():
 @pytest.mark.endurance
 @pytest.mark.parametrize("drive", [shelved.name for shelved in listed_drives(Path(__file__).parents[3])])
 def test_the_documented_limits_of_every_drive_are_the_measured_ones(root: Path, drive):
-    lines = (root / "docs" / "analysis_method.md").read_text().splitlines()
+    lines = (root / "docs" / "loops.md").read_text().splitlines()
     told = next(line for line in lines if line.startswith(f"| `{drive}` |")).strip("| ").split(" | ")
     found = row(drive)
     assert told[:2] == list(found[:2]) and told[3::2] == list(found[3::2])

@@ -46,7 +46,7 @@ def test_a_stable_point_has_disks_at_its_laws_at_its_motors_and_smaller_ones_at_
         # laws and motors follow one another in a loop, so that both at once have less room
         assert 0.0 < both < 0.9 * min(laws, motors)
         assert max(laws, motors) <= 2.0
-    # as docs/analysis_method.md has them: to the digits told
+    # as docs/loops.md has them: to the digits told
     pressing = fig4.points[2]
     told = {where: f"{disk.alpha:.2f}" for where, disk in pressing.disks.items()}
     assert told == {"laws": "0.89", "motors": "1.71", "both": "0.56"}

@@ -1,4 +1,4 @@
-"""Every row of docs/paper_errata.md: the printed equation fails where the corrected one holds."""
+"""Every row of docs/paper.md: the printed equation fails where the corrected one holds."""
 
 import math
 

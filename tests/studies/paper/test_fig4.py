@@ -112,7 +112,7 @@ def test_runs_that_cannot_be_scored_in_full_do_not_pass(root: Path, position: Re
 
 
 def test_what_the_shipped_runs_measure_does_not_drift(runs: Fig4Runs):
-    """To the last digit that the scorecard prints; each is explained in docs/physics.md or docs/paper_errata.md."""
+    """To the last digit that the scorecard prints; each is explained in docs/physics.md or docs/paper.md."""
     score = fig4_score(runs)
     measured = {f.claim.key: round(f.value, 3) for f in (*score.claims, *score.quality)}
     # the display's steps of 0.049 N average out over 800 readings
@@ -139,7 +139,7 @@ def test_a_sabotaged_run_fails_the_claims_it_should(root: Path, tmp_path: Path, 
 
 
 def test_without_gravity_compensation_neither_reading_of_the_trigger_gives_the_papers_run(root: Path, tmp_path: Path):
-    """Numbers of docs/paper_errata.md, to their last digit."""
+    """Numbers of docs/paper.md, to their last digit."""
 
     def final(*settings: str) -> tuple[float, float, float]:
         path, asked = (
@@ -179,7 +179,7 @@ SIGNS = list(itertools.product((0.05, -0.05), repeat=6))
 def test_over_all_signs_of_the_encoders_zeros_the_force_in_x_is_small_and_mostly_smaller_without_force_control(
     root: Path,
 ):
-    """The shipped signs are chosen; docs/fig4.md counts over all of them."""
+    """The shipped signs are chosen; docs/paper.md counts over all of them."""
     measured = []
     for zeros in SIGNS:
         settings = (f"plant.joint_zero_deg={list(zeros[:3])}", f"plant.motor_zero_deg={list(zeros[3:])}")
@@ -189,7 +189,7 @@ def test_over_all_signs_of_the_encoders_zeros_the_force_in_x_is_small_and_mostly
         measured.append({f.claim.key: f.verdict for f in score.claims})
     held = [sum(one[key] == "holds" for one in measured) for key in ("x_small", "friction_smaller_x")]
     assert held == [64, 60]
-    page = " ".join((root / "docs" / "fig4.md").read_text().split())
+    page = " ".join((root / "docs" / "paper.md").read_text().split())
     assert (
         f"Over all 64 choices of signs |F_x| is small in {held[0]}, and smaller under position control in {held[1]}"
         in page
@@ -203,14 +203,14 @@ def test_pages_state_the_count_and_the_reasons_of_the_scorecard(root: Path, runs
     assert held + missed == judged_ == len(FIG4_CLAIMS)
     pages = {
         name: " ".join((root / name).read_text().split())
-        for name in ("README.md", "docs/fig4.md", "docs/why_believe.md")
+        for name in ("README.md", "docs/paper.md", "docs/validation.md")
     }
-    assert f"[{held} of {judged_} claims hold](docs/fig4.md)" in pages["README.md"]
-    assert f"Of the {judged_} claims of Fig. 4 {held} hold; {missed} are [not reproduced]" in pages["docs/fig4.md"]
-    assert f"{held} of {judged_} claims of Fig. 4 hold, {missed} are [not reproduced]" in pages["docs/why_believe.md"]
-    assert f"and {judged_} claims of its text" in pages["docs/why_believe.md"]
+    assert f"[{held} of {judged_} claims hold](docs/paper.md#fig4)" in pages["README.md"]
+    assert f"Of the {judged_} claims of Fig. 4 {held} hold; {missed} are [not reproduced]" in pages["docs/paper.md"]
+    assert f"{held} of {judged_} claims of Fig. 4 hold, {missed} are [not reproduced]" in pages["docs/validation.md"]
+    assert f"and {judged_} claims of its text" in pages["docs/validation.md"]
     rows = re.findall(
-        r"^\| `(\w+)` \| ([^|]+) \| ([^|]+) \| ([^|]+) \| [^|]+ \|$", (root / "docs/fig4.md").read_text(), re.M
+        r"^\| `(\w+)` \| ([^|]+) \| ([^|]+) \| ([^|]+) \| [^|]+ \|$", (root / "docs/paper.md").read_text(), re.M
     )
     assert [row[0] for row in rows] == score.not_reproduced_keys
     found = {f.claim.key: f for f in score.claims}

@@ -154,7 +154,7 @@ BOUNDS = {
     ],
     "push": [*DOWN, "force_rms <= 0.15 N", "line_rms <= 0.5 mm", "line_worst <= 1 mm", "line_missing <= 2 %"],
 }  # fmt: skip
-"""As the table of docs/fig5.md has them, which says that none has changed since the tasks were programmed."""
+"""As the table of docs/paper.md has them, which says that none has changed since the tasks were programmed."""
 
 
 @pytest.mark.parametrize("kind", BOUNDS)
@@ -299,7 +299,7 @@ def test_a_run_that_does_not_say_which_task_was_on_is_refused_with_all_it_lacks(
 
 @pytest.mark.parametrize("body", ["back", "belly"])
 def test_under_a_fixed_force_breathing_leaves_what_the_force_loop_cannot_follow(body: str, root: Path, tmp_path: Path):
-    """A surface that moves by d (rms) presses with the force of docs/fig5.md, 'A fixed force'."""
+    """A surface that moves by d (rms) presses with the force of docs/paper.md, 'A fixed force'."""
     experiment = load_experiment(root / "experiments/rolling.toml", body=body)
     run = task_runs(read(execute(experiment, tmp_path).recording))[0]
     gains, contact = experiment.controller, experiment.contact

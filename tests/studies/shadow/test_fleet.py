@@ -236,7 +236,7 @@ def test_the_fewer_signals_a_robot_sends_the_fewer_faults_of_the_catalogue_are_f
             for port in missing:
                 samples.only(port)[:] = np.nan
             found[name] += any(one.t > ONSET for one in alarms_of(samples, per_hour=0.01, limits=limits))
-    # docs/shadow_method.md has this table
+    # docs/shadow_reference.md has this table
     assert (runs, *found.values()) == (80, 32, 27, 16)
 
 
@@ -255,7 +255,7 @@ def test_a_bias_of_a_tenth_of_a_degree_is_found_as_the_page_states(
     bias = f"fault=[{{kind = 'encoder_bias', target = '{encoder}', onset_s = {ONSET}, magnitude_deg = 0.1}}]"
     alarms = [[one.t for one in alarms_of(fleet.samples(k, 1, [bias])) if one.t > ONSET] for k in range(ROBOTS)]
     after = sorted(times[0] - ONSET for times in alarms if times)
-    # docs/shadow_method.md has these numbers
+    # docs/shadow_reference.md has these numbers
     assert len(after) == found
     assert after[0] == pytest.approx(earliest, abs=0.1) and after[-1] == pytest.approx(latest, abs=0.1)
 

@@ -117,7 +117,7 @@ def test_a_larger_force_reference_presses_harder():
 
 
 def test_gains_beyond_the_limit_of_free_air_are_unstable():
-    # docs/analysis.md: the limit of kp in air is 19.4 1/s
+    # docs/tuning.md: the limit of kp in air is 19.4 1/s
     assert predict(fig4_corners()[1], FIG4._replace(kp=18.5)).stable
     assert not predict(fig4_corners()[1], FIG4._replace(kp=20.5)).stable
 

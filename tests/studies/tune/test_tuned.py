@@ -120,7 +120,7 @@ def test_a_corner_is_co_simulated_on_its_own_stiffness_at_its_own_height():
 
 
 def test_gains_that_shake_in_the_co_simulation_never_settle():
-    # docs/analysis.md: the limit of kp in air is 19.4 1/s
+    # docs/tuning.md: the limit of kp in air is 19.4 1/s
     trial = step_trial(fig4_corners()[1], LawGains(30.0, 0.0, 0.0))
     assert trial is None or (trial.answer.overshoot > 1.0 and math.isinf(trial.answer.settling))
 

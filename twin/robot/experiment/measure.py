@@ -377,7 +377,7 @@ class RequirementMeasure(Window):
 
     kind: Literal["requirement"]
     formula: str = setting(
-        examples=["always (|plant.F_ee_B| <= 18 N)"], help="condition to satisfy; docs/falsify.md has the words"
+        examples=["always (|plant.F_ee_B| <= 18 N)"], help="condition to satisfy; docs/faults.md has the words"
     )
 
     @field_validator("formula")

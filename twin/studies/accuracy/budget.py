@@ -10,7 +10,7 @@ Biases add with their signs, scatter adds as squares. Both sums are compared wit
 the difference is due to imperfections that interact.
 
 The small effects of a real robot that experiments usually leave out have plausible values of a hand-sized robot with
-plain bearings, belts and magnetic encoders; docs/small_effects.md has their sources. Each robot parameter has one
+plain bearings, belts and magnetic encoders; docs/physics.md has their sources. Each robot parameter has one
 assumed standard uncertainty, with its reason.
 """
 
@@ -40,7 +40,7 @@ NOT_MODELLED = (
     ("rods that spin", 0.001, "3e-8 kg m2 about their own axis"),
     ("springs that warm up", 0.01, "steel softens by 0.03 % per K: 10 K of 3 N"),
 )
-"""(effect, upper bound (N), reason): estimates of docs/small_effects.md."""
+"""(effect, upper bound (N), reason): estimates of docs/physics.md."""
 SPRING_REASON = "two fits of the same springs differ by this much; the paper's own fit has one pose"
 MASS_REASON = "of parts that are weighed, but whose rods are shared out between their ends by calculation"
 LENGTH_REASON = "of machined parts with ball joints"

@@ -38,7 +38,7 @@ class Claim:
         measure: runs -> judged number; infinity or nan if the event never happens, and nan always fails. None if the
             claim cannot be measured.
         low, high: bounds, inclusive, in `unit` (measured SI values are multiplied by `scale` first).
-        source: origin of the bounds, but not their date (docs/fig5.md has the dates of Fig. 5).
+        source: origin of the bounds, but not their date (docs/paper.md has the dates of Fig. 5).
         trivial: runs -> why this run cannot support the claim, or "".
         miss: explanation of a claim that is known not to be reproduced; required without a `measure`.
     """

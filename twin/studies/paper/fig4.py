@@ -213,7 +213,7 @@ FIG4_CLAIMS = (
     Claim(
         "backlash_offset", "position error comes from backlash", "4 A",
         "The position tracking difference is generated owing to the mechanical backlash",
-        miss=KnownMiss("here backlash leaves no such offset, the droop of the drives does: docs/paper_errata.md"),
+        miss=KnownMiss("here backlash leaves no such offset, the droop of the drives does: docs/paper.md"),
     ),
 )  # fmt: skip
 

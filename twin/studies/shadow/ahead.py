@@ -5,7 +5,8 @@ The band joins three independent causes, separately upwards and downwards:
     estimate      covariance P of the filter along force, height and speed: three columns of its Cholesky factor, these
                   states first. One branch each, Z deviations away
     surroundings  a higher, lower, stiffer or softer surface, within the spread of healthy robots: one branch each
-    model         errors of the branches themselves, calibrated on a fleet of healthy robots, see docs/shadow_method.md
+    model         errors of the branches themselves, calibrated on a fleet of healthy robots, see
+                  docs/shadow_reference.md
 
 A branch takes about a millisecond. One is run with each slice of samples; the prediction is given when all are done.
 """

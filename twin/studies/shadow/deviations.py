@@ -1,8 +1,8 @@
 """Standard deviations of the filter's state for a healthy robot that differs from its twin's belief.
 
 The filter's covariance assumes the believed encoders, springs and joints. Healthy robots differ from them
-(docs/shadow_method.md): encoder zeros, springs, dead zones and dry friction shift the estimate permanently, and unknown
-encoder noise, which appears in the NIS, widens it. With J = d theta_l / d p_B and k = k_s N eta,
+(docs/identification_method.md): encoder zeros, springs, dead zones and dry friction shift the estimate permanently, and
+unknown encoder noise, which appears in the NIS, widens it. With J = d theta_l / d p_B and k = k_s N eta,
 
     var p_B = J^-1 zero_l^2 J^-T,  var theta_m = zero_m^2,
     var F = J^T [(k (1 + N) zero)^2 + (k dead_zone)^2 + friction^2 + (spring tau_l)^2] J   per leg.

@@ -7,9 +7,9 @@ their commands with a lag and droop under load (P12):
     dp/dt = v,  dv/dt = a(p, v, theta_m, F) + n_v,  d theta_m/dt = omega,
     d omega/dt = (omega_ref - droop tau_load - omega)/T_m + n_omega,  dF/dt = (-w F_y, w F_x, K v_z) + n_F.
 
-The counts measure theta_m and theta_l(p). docs/shadow_method.md has the derivation, the source of the noises, and the
-limits of six counts. Motor torque and measured force are compared with the estimate but not used in it, so that they
-can contradict it.
+The counts measure theta_m and theta_l(p). docs/identification_method.md has the derivation, the source of the
+noises, and the limits of six counts. Motor torque and measured force are compared with the estimate but not used in
+it, so that they can contradict it.
 """
 
 import math

@@ -1,6 +1,6 @@
 """Prediction of the filter's state and covariance over one step, and its derivative.
 
-docs/shadow_method.md has the derivation.
+docs/identification_method.md has the derivation.
 """
 
 import math

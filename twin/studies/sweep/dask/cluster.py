@@ -168,7 +168,7 @@ def refusal(difference: str) -> str:
     """Return the error message for a machine of the cluster that differs from this one."""
     return (
         f"--engine dask: {difference}; runs would not give the same numbers everywhere: "
-        "install the same on all machines (docs/cluster.md)"
+        "install the same on all machines (docs/sweep.md)"
     )
 
 

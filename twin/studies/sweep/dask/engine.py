@@ -31,7 +31,7 @@ little with a worker.
 """
 MIN_SECONDS_PER_THREAD = 0.004
 """Minimum duration of a batch per thread of the cluster (s): all threads share one scheduler and one client, which need
-about 2 ms per batch (docs/cluster.md).
+about 2 ms per batch (docs/sweep.md).
 """
 MAX_BATCH_SIZE = 256
 BATCHES_PER_THREAD = 2

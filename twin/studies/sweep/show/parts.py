@@ -29,7 +29,7 @@ MEDIAN_INDEX = ranking.QUANTILES.index(0.5)
 WIDE_INTERVAL = 0.3
 """Width of a confidence interval above which it stays open whether a parameter matters."""
 COVERAGE_NOTE = "the aim; on functions with known indices they held the truth 92 % of the times, the worst index 82 %"
-"""Empirical coverage, see docs/sweep_show.md; tests/studies/sweep/statistics/test_sensitivity.py repeats a part of
+"""Empirical coverage, see docs/sweep.md; tests/studies/sweep/statistics/test_sensitivity.py repeats a part of
 it."""
 FAMILYWISE_LEVEL = 0.05
 """Familywise error rate of the stars, over all parameters of a table together (Holm 1979)."""

@@ -90,7 +90,7 @@ Interval = tuple[float, float] | None
 class Index:
     """Sobol' indices of one parameter, each with a nominal 95 % interval (low, high), None with too few blocks.
 
-    The actual coverage was measured on functions with known indices, see docs/sweep_show.md.
+    The actual coverage was measured on functions with known indices, see docs/sweep.md.
 
     Attributes:
         first: share of the variance that would vanish if the parameter were known.
