@@ -9,7 +9,7 @@ import pytest
 
 from twin.kernel.errors import InputRefused
 from twin.studies.qualify import drive_list
-from twin.studies.qualify.drive_list import listed_drives
+from twin.studies.qualify.drive_list import ListedDrive, drives_text, listed_drives
 
 DRIVE = "brushed_dc"
 
@@ -39,6 +39,15 @@ def test_why_a_drive_does_not_fit_is_its_problem(change: Callable[[Path], object
     change(place / "fmus" / DRIVE)
     (drive,) = listed_drives(place)
     assert problem in drive.problem and drive.kind == ""
+
+
+def test_each_drive_has_one_line_and_a_problem_is_printed_whole(root: Path):
+    drives = [*listed_drives(root), ListedDrive("broken", problem=f"broken.fmu: {'not a complete FMU ' * 8}".strip())]
+    lines = drives_text(drives).splitlines()
+    assert max(map(len, lines)) <= 80
+    assert [line.split()[0] for line in lines[1 : 1 + len(drives)]] == [drive.name for drive in drives]
+    assert "broken: broken.fmu: not a complete FMU" in lines[2 + len(drives)]
+    assert " ".join(lines).count("not a complete FMU") >= 7
 
 
 def test_no_shelf_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
