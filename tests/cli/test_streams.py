@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from twin.cli import app, line
-from twin.cli.streams import READER_GONE, BestEffortStderr, NoReader, Outlet, standard_streams
+from twin.cli.streams import READER_GONE, BestEffortStderr, NoReader, Outlet, share_width, standard_streams
 from twin.kernel.errors import NotWritten
 from twin.kernel.process.black_box import BlackBox
+from twin.studies.result import WIDTH_VARIABLE, text_width
 
 FULL = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="only Linux has a disk that is always full")
 
@@ -55,6 +56,20 @@ def test_what_standard_error_does_not_take_is_lost() -> None:
     assert aside.write("four") == 4
     aside.flush()
     assert aside.encoding is None
+
+
+@pytest.mark.parametrize("columns", [60, 100])
+def test_text_is_as_wide_as_the_terminal_and_a_pipe_has_80_columns(monkeypatch: pytest.MonkeyPatch, columns: int):
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setenv(WIDTH_VARIABLE, "7")
+    monkeypatch.setattr("shutil.get_terminal_size", lambda: os.terminal_size((columns, 24)))
+    for stream, width in ((Terminal(), columns), (io.StringIO(), 80)):
+        monkeypatch.setattr(sys, "stdout", stream)
+        share_width()
+        assert text_width() == width
 
 
 def test_streams_are_given_back() -> None:

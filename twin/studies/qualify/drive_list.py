@@ -1,6 +1,7 @@
 """The drives of fmus/ and the facts of one drive, for `twin drive list` and `twin drive info`."""
 
 import math
+import re
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from twin.robot.assembly.drives import DrivePlan
 
 DRIVES_FOLDER = "fmus"
+CLAUSE_END = re.compile(r"[,:;] | (?:on|under|with) ")
+"""Places at which a description can be cut."""
 DRIVE_COLUMNS = (
     Column("drive", left=True),
     Column("kind", 5, left=True, gap=2),
@@ -199,10 +202,18 @@ def drives_text(drives: Sequence[ListedDrive]) -> str:
     *columns, _ = DRIVE_COLUMNS
     widths = [max(map(len, (column.name, *(row[i] for row in rows)))) for i, column in enumerate(columns)]
     room = text_width() - sum(widths) - sum(column.gap for column in DRIVE_COLUMNS[1:])
-    short = [(*row, textwrap.shorten(text, room, placeholder="...")) for *row, text in rows]
+    short = [(*row, _first_clauses(text, room)) for *row, text in rows]
     problems = [Note(f"{one.name}: {one.problem}", later=2, whole=True) for one in drives if one.problem]
     more = "twin drive info NAME prints the whole description, parameters and wiring"
     return lay_out([Table(DRIVE_COLUMNS, short, indent=0), "", *problems, Note(more)])
+
+
+def _first_clauses(text: str, length: int) -> str:
+    """Return as many clauses of `text` as fit into `length` characters, at least its first words."""
+    ends = [found.start() for found in CLAUSE_END.finditer(text) if found.start() <= length]
+    return (
+        text if len(text) <= length else text[: ends[-1]] if ends else textwrap.shorten(text, length, placeholder="...")
+    )
 
 
 def _drive(folder: Path) -> ListedDrive:
