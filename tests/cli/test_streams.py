@@ -85,8 +85,12 @@ def test_streams_are_given_back() -> None:
     [
         (NoReader(), READER_GONE, ""),
         (NotWritten("x: cannot be written: why"), 3, "x: cannot be written: why\n"),
-        (OSError(28, "No space left on device", "results/x"), 3, "results/x: No space left on device\n"),
-        (OSError(24, "Too many open files"), 3, "twin: Too many open files\n"),
+        (
+            OSError(28, "No space left on device", "results/x"),
+            3,
+            "results/x: refused by the operating system: No space left on device\n",
+        ),
+        (OSError(24, "Too many open files"), 3, "twin: refused by the operating system: Too many open files\n"),
         (SystemExit(4), 4, ""),
     ],
 )

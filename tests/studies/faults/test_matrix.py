@@ -218,7 +218,7 @@ def test_text_has_the_five_kinds_with_the_largest_force_and_every_kind_only_if_c
 
 
 def test_a_failure_is_printed_without_complete():
-    rows = [replace(row, healthy_peak=row.healthy_peak) for row in pressing()]
+    rows = list(pressing())
     missed = next(i for i, row in enumerate(rows) if row.expects_detection and row.is_detected)
     rows[missed] = replace(rows[missed], watched=replace(rows[missed].watched, reason="", seen=None))
     text = fault_matrix_result("pressing", rows, Path("x.png")).text

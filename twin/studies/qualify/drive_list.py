@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from twin.robot.assembly.drives import DrivePlan
 
 DRIVES_FOLDER = "fmus"
+SCHEMA_ERROR = re.compile(r"[A-Z]+ \(line (\d+), column \d+\): (.*)")
+"""Message of lxml about an element or attribute that the schema does not have."""
 CLAUSE_END = re.compile(r"[,:;] | (?:on|under|with) ")
 """Places at which a description can be cut."""
 DRIVE_COLUMNS = (
@@ -128,11 +130,17 @@ def drive_text(plan: "DrivePlan") -> str:
             about = " ".join(filter(None, (v.description, f"One of: {', '.join(v.items)}." if v.items else "")))
             lines += textwrap.wrap(about or "-", text_width(), initial_indent=head, subsequent_indent=indent)
     fmus = plan.parts.values() if plan.system is None else ()
-    warnings = plan.warnings() + [text for fmu in fmus for text in fmu.warnings()]
+    warnings = plan.warnings() + [text for fmu in fmus for text in map(_finding, fmu.warnings())]
     lines += [
         line for text in warnings for line in textwrap.wrap(f"warning: {text}", text_width(), subsequent_indent="  ")
     ]
     return "\n".join(lines)
+
+
+def _finding(problem: str) -> str:
+    """Return a finding of FMPy's validation; lxml reports a violated schema as `ERROR (line 32, column 0): ...`."""
+    found = SCHEMA_ERROR.fullmatch(problem)
+    return f"modelDescription.xml, line {found[1]}: violates the standard's schema: {found[2]}" if found else problem
 
 
 def _unit(v: "Variable") -> str:
