@@ -110,7 +110,7 @@ def fault_matrix_result(
     kinds = list(_worst(rows))
     shown = kinds if complete else sorted(kinds, key=lambda worst: -worst[0].watched.peak)[:MAX_SHOWN]
     largest = Table(FAULT_COLUMNS, [(row.kind, *_cells(row, of_kind)) for row, of_kind in shown], indent=0)
-    parts = [Note(counts, later=4), *([Note(early, later=4)] if ended else []), "", largest]
+    parts: list[Block] = [Note(counts, later=4), *([Note(early, later=4)] if ended else []), "", largest]
     parts += [*_exceptions(rows, complete), *combination_blocks(together, complete), ""]
     if not complete:
         parts += [f"{len(shown)} of {count_text(len(kinds), 'kind')}; --all prints every kind and every exception"]
