@@ -28,3 +28,10 @@ def test_what_is_no_log_is_one_sentence_and_exit_code_2(tmp_path: Path):
     done = twin("identify", "log.csv", cwd=tmp_path)
     assert done.returncode == 2
     assert "log.csv: no such file" in done.stderr and "Traceback" not in done.stderr
+
+
+@pytest.mark.slow
+def test_the_papers_procedure_is_printed_if_it_is_asked_for(tmp_path: Path):
+    done = twin("identify", ran("calibration_one_pose").path, "--out", "x", "--paper", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "  paper      Sec. III.A on the press of" in done.stdout and "as printed" in done.stdout

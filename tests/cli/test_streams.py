@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from twin.cli import app, line
-from twin.cli.streams import READER_GONE, BestEffortStderr, NoReader, Outlet, standard_streams
+from twin.cli.streams import READER_GONE, BestEffortStderr, NoReader, Outlet, share_width, standard_streams
 from twin.kernel.errors import NotWritten
 from twin.kernel.process.black_box import BlackBox
+from twin.studies.result import WIDTH_VARIABLE, text_width
 
 FULL = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="only Linux has a disk that is always full")
 
@@ -57,6 +58,20 @@ def test_what_standard_error_does_not_take_is_lost() -> None:
     assert aside.encoding is None
 
 
+@pytest.mark.parametrize("columns", [60, 100])
+def test_text_is_as_wide_as_the_terminal_and_a_pipe_has_80_columns(monkeypatch: pytest.MonkeyPatch, columns: int):
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setenv(WIDTH_VARIABLE, "7")
+    monkeypatch.setattr("shutil.get_terminal_size", lambda: os.terminal_size((columns, 24)))
+    for stream, width in ((Terminal(), columns), (io.StringIO(), 80)):
+        monkeypatch.setattr(sys, "stdout", stream)
+        share_width()
+        assert text_width() == width
+
+
 def test_streams_are_given_back() -> None:
     before = sys.stdin, sys.stdout, sys.stderr
     with standard_streams():
@@ -70,8 +85,12 @@ def test_streams_are_given_back() -> None:
     [
         (NoReader(), READER_GONE, ""),
         (NotWritten("x: cannot be written: why"), 3, "x: cannot be written: why\n"),
-        (OSError(28, "No space left on device", "results/x"), 3, "results/x: No space left on device\n"),
-        (OSError(24, "Too many open files"), 3, "twin: Too many open files\n"),
+        (
+            OSError(28, "No space left on device", "results/x"),
+            3,
+            "results/x: refused by the operating system: No space left on device\n",
+        ),
+        (OSError(24, "Too many open files"), 3, "twin: refused by the operating system: Too many open files\n"),
         (SystemExit(4), 4, ""),
     ],
 )

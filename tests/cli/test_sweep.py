@@ -166,6 +166,13 @@ def test_a_range_that_cannot_be_is_refused(root: Path, tmp_path: Path, options: 
     assert done.returncode == 2 and done.stderr.startswith("--sweep")
 
 
+@pytest.mark.parametrize("experiment", ["pressing", "experiments/pressing.toml"])
+def test_an_experiment_in_place_of_a_sweep_file_is_refused_with_the_command_to_type(root: Path, experiment: str):
+    done = twin("sweep", experiment, cwd=root)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert f"type twin run {experiment} --sweep robot.k_s_Nm_per_rad=0.5:3:6" in done.stderr
+
+
 def test_a_metric_that_is_not_there_is_refused_with_the_closest(long: Path):
     for command in (["run", long, "--out", "whole", "--by", "peak"], ["show", "whole", "--by", "peak"]):
         done = twin("sweep", *command, cwd=long.parent)

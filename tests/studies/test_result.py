@@ -15,6 +15,7 @@ from twin.studies.command import answer_study
 from twin.studies.result import (
     NO_BREAK_SPACE,
     TEXT_WIDTH,
+    WIDTH_VARIABLE,
     Column,
     Note,
     Result,
@@ -140,6 +141,13 @@ def test_no_line_is_wider_than_80_columns_and_no_word_is_lost(text: str, whole: 
     assert lines[0].startswith("  head  ") and all(line.startswith("   ") and line[3] != " " for line in lines[1:])
     joined = "".join([lines[0][8:], *(line[3:] for line in lines[1:])])
     assert joined.replace(" ", "") == text.replace(" ", "")
+
+
+@pytest.mark.parametrize(("width", "longest"), [("60", 60), ("20", 40), ("500", 120), ("", 80), ("wide", 80)])
+def test_a_text_is_as_wide_as_the_terminal(monkeypatch: pytest.MonkeyPatch, width: str, longest: int):
+    monkeypatch.setenv(WIDTH_VARIABLE, width)
+    lines = wrap_text("a " * 500)
+    assert {len(line) for line in lines[:-1]} == {longest - 1}
 
 
 def test_names_stay_whole_where_they_are_to():

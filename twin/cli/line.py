@@ -2,7 +2,7 @@
 
 import sys
 
-from twin.cli.streams import READER_GONE, NoReader, guard_terminal, standard_streams
+from twin.cli.streams import READER_GONE, NoReader, guard_terminal, share_width, standard_streams
 from twin.kernel.errors import (
     InternalError,
     NotWritten,
@@ -17,6 +17,7 @@ from twin.kernel.process.job import interruption
 def main() -> None:
     """Run twin's command line and end the process with its exit code."""
     with standard_streams():
+        share_width()
         guard_terminal()
         code, sentence = _run_command()
         if sentence:

@@ -254,13 +254,14 @@ def sweep_show(
     worst: Annotated[str | None, Option("Rank by the worst run over KEY.", "KEY", "--worst-over")] = None,
     x: Annotated[str | None, Option("Parameter on the x axis of the heat map.", "KEY", "--x")] = None,
     y: Annotated[str | None, Option("Parameter on the y axis of the heat map.", "KEY", "--y")] = None,
+    sensitivity: Annotated[bool, Option("Also print rank correlations and Sobol indices.")] = False,
     html: Annotated[bool, Option("Also write one page, sweep.html.")] = False,
     parquet: Annotated[bool, Option("Also write the rows as rows.parquet.")] = False,
     formats: Formats = (),
     columns: Columns = 2,
     as_json: AsJson = False,
 ) -> Iterator[Answer]:
-    """Show the results of a sweep, also while it runs: best runs, sensitivities, claims.
+    """Show the results of a sweep, also while it runs: best runs, claims, sensitivities.
 
     Text, and pictures in the sweep's folder: a heat map (map.png) if two
     numbers vary, bands of curves (bands.png) if the sweep judges claims.
@@ -295,7 +296,7 @@ def sweep_show(
     axes_of(found, x, y)
     if not as_json:
         # text first: pictures of a million runs take as long again
-        yield Answer(sweep_text(found, asked), {})
+        yield Answer(sweep_text(found, asked, sensitivity), {})
     with for_paper(formats, columns) as paper:
         files = write_pictures(found, asked, x, y, folder)
     vectors = {f"{path.suffix[1:]} {path.stem}": path for path in paper.written}

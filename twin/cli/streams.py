@@ -4,6 +4,7 @@ import contextlib
 import os
 import re
 import shlex
+import shutil
 import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, TextIO
@@ -121,6 +122,16 @@ class EscapingTerminal(_Stream):
     def write(self, text: str) -> int:
         """Write text to the terminal with control characters escaped."""
         return self._stream.write(_CONTROL_CHARACTERS.sub(lambda found: repr(found[0])[1:-1], text))
+
+
+def share_width() -> None:
+    """Set the width of text to the width of the terminal, for this process and its worker processes."""
+    from twin.studies.result import WIDTH_VARIABLE
+
+    if sys.stdout.isatty():
+        os.environ[WIDTH_VARIABLE] = str(shutil.get_terminal_size().columns)
+    else:
+        os.environ.pop(WIDTH_VARIABLE, None)
 
 
 def guard_terminal() -> None:

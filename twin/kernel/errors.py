@@ -66,7 +66,7 @@ def internal_error() -> InternalError:
 
 def os_error_message(problem: OSError) -> str:
     """Return the message of an unexpected OSError; a traceback would point at twin's code, which is not the cause."""
-    return f"{problem.filename or 'twin'}: {problem.strerror or problem}"
+    return f"{problem.filename or 'twin'}: refused by the operating system: {problem.strerror or problem}"
 
 
 @contextmanager

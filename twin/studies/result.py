@@ -1,9 +1,10 @@
-"""The result of a study and its layout: text of 80 columns, JSON.
+"""The result of a study and its layout: text of the terminal's width, JSON.
 
 A study computes and returns a `Result` of tables and notes; this module aligns columns, formats numbers and folds
 sentences.
 """
 
+import os
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,12 +13,23 @@ from math import isnan
 from typing import Any
 
 TEXT_WIDTH = 80
+"""Width of a text (columns) in a file, a pipe or a notebook."""
+MIN_TERMINAL_WIDTH, MAX_TERMINAL_WIDTH = 40, 120
+"""Minimum and maximum width of a text (columns) on a terminal; longer lines are hard to read."""
+WIDTH_VARIABLE = "TWIN_TEXT_WIDTH"
+"""Environment variable with the width of the terminal; worker processes, which have no terminal, inherit it."""
 NO_BREAK_SPACE = "\xa0"
 """Separator of words that must stay on one line."""
 
 
+def text_width() -> int:
+    """Return the maximum width of a text (columns): the width of the terminal, else `TEXT_WIDTH`."""
+    width = os.environ.get(WIDTH_VARIABLE, "")
+    return min(max(int(width), MIN_TERMINAL_WIDTH), MAX_TERMINAL_WIDTH) if width.isdecimal() else TEXT_WIDTH
+
+
 def wrap_text(text: str, head: str = "", later: int | None = None, whole: bool = False) -> list[str]:
-    """Wrap `text` after `head` into lines of at most `TEXT_WIDTH` columns.
+    """Wrap `text` after `head` into lines of at most `text_width` columns.
 
     Args:
         text: a single line.
@@ -27,7 +39,7 @@ def wrap_text(text: str, head: str = "", later: int | None = None, whole: bool =
     """
     indent = " " * (len(head) if later is None else later)
     return textwrap.wrap(
-        text, TEXT_WIDTH, initial_indent=head, subsequent_indent=indent, break_on_hyphens=not whole,
+        text, text_width(), initial_indent=head, subsequent_indent=indent, break_on_hyphens=not whole,
         break_long_words=not whole,
     )  # fmt: skip
 
@@ -123,7 +135,7 @@ class Table:
         columns: columns from left to right.
         rows: rows from top to bottom.
         indent: spaces before the first column.
-        left_out: place where the columns beyond 80 characters can be found; "" to show all columns.
+        left_out: place where the columns beyond the width of the text can be found; "" to show all columns.
         title: title in JSON and HTML, where the surrounding text is missing.
     """
 
@@ -179,7 +191,7 @@ class Result:
 
 
 def render_text(result: Result) -> str:
-    """Render `result` as text, at most 80 columns wide except where a line cannot be folded."""
+    """Render `result` as text, at most `text_width` columns wide except where a line cannot be folded."""
     files = [f"  {kind:<{result.label}} {file}" if result.label else f"  {file}" for kind, file in result.files.items()]
     return lay_out([result.headline, *result.body, *files])
 
@@ -206,7 +218,7 @@ def _table(table: Table) -> Iterator[str]:
     widths = [c.width or max(len(row[i]) for row in (*titles, *cells)) for i, c in enumerate(columns)]
     gaps = [table.indent, *(column.gap for column in columns[1:])]
     ends = accumulate(map(sum, zip(gaps, widths, strict=True)))
-    shown = sum(end <= TEXT_WIDTH for end in ends) if table.left_out else len(columns)
+    shown = sum(end <= text_width() for end in ends) if table.left_out else len(columns)
 
     def line(row: Sequence[str]) -> Iterator[str]:
         text = ""

@@ -200,11 +200,29 @@ def test_a_fault_that_ends_the_run_in_its_very_first_step_has_touched_nobody(kin
     assert (row.watched.peak, row.watched.seen, row.watched.end) == (0.0, delay, "run ended")
 
 
-def test_text_fits_80_columns_says_the_verdict_first_and_names_every_kind():
-    lines = fault_matrix_result("pressing", pressing(), Path("x.png")).text.splitlines()
+@pytest.mark.parametrize("complete", [False, True])
+def test_text_fits_80_columns_and_begins_with_the_verdict(complete: bool):
+    lines = fault_matrix_result("pressing", pressing(), Path("x.png"), complete=complete).text.splitlines()
     assert lines[0].startswith("pressing  as stated: 170 of 174 below 18 N")
     assert max(map(len, lines)) <= 80
-    assert set(FAULT_KINDS) <= {line.split()[0] for line in lines if line}
+
+
+def test_text_has_the_five_kinds_with_the_largest_force_and_every_kind_only_if_complete():
+    short, full = (fault_matrix_result("pressing", pressing(), Path("x.png"), complete=c) for c in (False, True))
+    assert set(FAULT_KINDS) <= {line.split()[0] for line in full.text.splitlines() if line}
+    kinds = [line.split()[0] for line in short.text.splitlines() if line.split(" ")[0] in FAULT_KINDS]
+    peaks = {row.kind: row.watched.peak for row, _ in _worst(pressing())}
+    assert kinds == sorted(peaks, key=lambda kind: -peaks[kind])[:5]
+    assert f"5 of {len(FAULT_KINDS)} kinds; --all prints" in short.text
+    assert short.facts == full.facts
+
+
+def test_a_failure_is_printed_without_complete():
+    rows = list(pressing())
+    missed = next(i for i, row in enumerate(rows) if row.expects_detection and row.is_detected)
+    rows[missed] = replace(rows[missed], watched=replace(rows[missed].watched, reason="", seen=None))
+    text = fault_matrix_result("pressing", rows, Path("x.png")).text
+    assert "! expected to be detected, and not detected:" in text
 
 
 def documented(root: Path, title: str) -> dict[str, list[str]]:

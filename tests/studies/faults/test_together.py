@@ -245,5 +245,8 @@ def test_the_table_prints_the_limit_of_each_row_and_how_many_were_detected():
     assert text.startswith("pressing  as stated: 1 of 1 case of pairs below their limits.")
     assert f"{int(row.is_detected)} of 1 detected" in " ".join(text.split())
     assert text.splitlines()[-1].endswith(f"{row.force_bound:.1f}")
+    many = [replace(row, faults=row.faults._replace(name=f"pair {n}")) for n in range(7)]
+    listed = [combination_result("pressing", many, [FaultSet.PAIRS], complete).text for complete in (False, True)]
+    assert [text.count("  pair ") for text in listed] == [5, 7]
     above = replace(row, watched=replace(row.watched, peak=2.0 * row.force_bound))
     assert combination_result("pressing", [above], [FaultSet.PAIRS]).text.startswith("pressing  FAILED: 0 of 1")

@@ -29,6 +29,7 @@ def test_the_answer_comes_first_in_80_columns_and_the_files_last(name: str, tmp_
     assert lines[0].startswith(f"{name}: k_s eta = 1.0") or lines[0].startswith(f"{name}: k_s eta = 0.99")
     assert [line for line in lines if len(line) > 80 and "/" not in line] == []
     assert "  Not identifiable from this log:" in lines
+    assert "Sec. III.A" not in report.text
     assert lines[-1].endswith(str(tmp_path / "out" / "identify.json"))
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["identify.json", "identify.png", "model.toml"]
 

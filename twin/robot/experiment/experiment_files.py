@@ -1,6 +1,7 @@
 """Lookup of experiment, sweep and body files by path or name."""
 
 import os
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +46,19 @@ def sweep_file(sweep: Path) -> Path:
     found = _experiment_file(sweep, SWEEP_FOLDER)
     if found:
         return found
+    if _experiment_file(sweep, "experiments"):
+        raise InputRefused(no_sweep_message(sweep))
     known = [path.stem for path in sorted(PROJECT_FOLDER.glob(f"{SWEEP_FOLDER}/*.toml"))]
     raise InputRefused(f"{sweep}: no such sweep file; {nearest(sweep.name, known)}")
+
+
+def no_sweep_message(experiment: Path) -> str:
+    """Return the error message for an experiment given in place of a sweep file: the command to type."""
+    command = shlex.join(["twin", "run", str(experiment), "--sweep", "robot.k_s_Nm_per_rad=0.5:3:6"])
+    return (
+        f"{experiment}: an experiment, not a sweep file; type {command}, with the key to vary, its first value, its "
+        "last value and the number of values"
+    )
 
 
 def _experiment_file(path: Path, shelf: str) -> Path | None:

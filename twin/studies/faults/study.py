@@ -69,6 +69,9 @@ def faults(
     ] = 0.0,
     settings: Settings = (),
     out: Annotated[Path | None, Option("Folder; default: results/faults/EXPERIMENT.", "DIR")] = None,
+    complete: Annotated[
+        bool, Option("Print every kind and every exception, not only the largest forces.", flags="--all")
+    ] = False,
 ) -> Result:
     """Inject each kind of fault, common causes and pairs, with the monitor and without.
 
@@ -129,10 +132,10 @@ def faults(
                 append(json_text(found.to_dict()) + "\n")
                 say(f"{len(rows) + len(together)} of {total} cases", (len(rows) + len(together)) / total)
     if not rows:
-        result = combination_result(name, together, wanted)
+        result = combination_result(name, together, wanted, complete)
     else:
         say("drawing the matrix", 1.0)
-        result = fault_matrix_result(name, rows, picture, together)
+        result = fault_matrix_result(name, rows, picture, together, complete)
         draw_fault_matrix(name, rows, home / PICTURE_FILE)
     write_json(home / MATRIX_FILE, result.facts)
     return result

@@ -31,7 +31,7 @@ SINGULAR_FORCE = 100.0
 """Force (N) that springs and body of this robot do not make: a mechanism near its singular pose does, before the run
 ends. Larger forces are no forecast."""
 FAULT_COLUMNS = (
-    Column("worst of each kind", 20, left=True),
+    Column("largest forces", 20, left=True),
     Column("", 12, left=True),
     Column("onset", 5, unit="s"),
     Column("peak", 5, unit="N"),
@@ -57,8 +57,8 @@ MOVED_COLUMNS = (
     *COMBINATION_COLUMNS[2:],
 )
 """The same, where the tasks were moved, too."""
-MAX_SHOWN = 12
-"""Causes of each list that the text shows, the worst first; all rows are in the files."""
+MAX_SHOWN = 5
+"""Maximum number of kinds, common causes and pairs in the text without `--all`, those with the largest force."""
 EXCESS_COLOR = VERMILION
 MAX_SHADE = 2.0
 """Peak over force limit at the end of the colour scale."""
@@ -67,15 +67,20 @@ SIZE_COUNT = 3
 
 
 def fault_matrix_result(
-    experiment: str, rows: Sequence[FaultRow], picture: Path, together: Sequence[CombinationRow] = ()
+    experiment: str,
+    rows: Sequence[FaultRow],
+    picture: Path,
+    together: Sequence[CombinationRow] = (),
+    complete: bool = False,
 ) -> Result:
-    """Return the verdict, the worst case of each kind, and the exceptions.
+    """Return the verdict, the counts, the largest forces, and the failures.
 
     Args:
         experiment: name of the experiment.
         rows: rows of one matrix, kind by kind; at least one.
         picture: path of the picture.
         together: rows of common causes and pairs.
+        complete: whether to list the worst case of every kind, in their order, and all exceptions.
     """
     first = rows[0]
     safe, safe_unwatched = sum(r.is_safe for r in rows), sum(r.is_safe_without_monitor for r in rows)
@@ -102,16 +107,22 @@ def fault_matrix_result(
     early = (
         f"Without the monitor {ended} more runs end early because a component fails; their peak is the one until then."
     )
-    worst = Table(FAULT_COLUMNS, [(row.kind, *_cells(row, of_kind)) for row, of_kind in _worst(rows)], indent=0)
-    parts = [Note(counts, later=4), *([Note(early, later=4)] if ended else []), "", worst, *_exceptions(rows)]
-    parts += [*combination_blocks(together), ""]
+    kinds = list(_worst(rows))
+    shown = kinds if complete else sorted(kinds, key=lambda worst: -worst[0].watched.peak)[:MAX_SHOWN]
+    largest = Table(FAULT_COLUMNS, [(row.kind, *_cells(row, of_kind)) for row, of_kind in shown], indent=0)
+    parts: list[Block] = [Note(counts, later=4), *([Note(early, later=4)] if ended else []), "", largest]
+    parts += [*_exceptions(rows, complete), *combination_blocks(together, complete), ""]
+    if not complete:
+        parts += [f"{len(shown)} of {count_text(len(kinds), 'kind')}; --all prints every kind and every exception"]
     facts = {"experiment": experiment, "rows": [row.to_dict() for row in rows]}
     facts["together"] = [row.to_dict() for row in together]
     return Result(Note(verdict, later=4), parts, facts, {"picture": picture}, label=0, exit_code=int(failing))
 
 
-def combination_result(experiment: str, rows: Sequence[CombinationRow], wanted: Sequence[FaultSet]) -> Result:
-    """The verdict on common causes and pairs alone."""
+def combination_result(
+    experiment: str, rows: Sequence[CombinationRow], wanted: Sequence[FaultSet], complete: bool = False
+) -> Result:
+    """Return the verdict on common causes and pairs alone; `complete` lists all of them."""
     failing = sum(row.fails for row in rows)
     names = " and ".join({FaultSet.COMMON: "common causes", FaultSet.PAIRS: "pairs"}.get(one, one) for one in wanted)
     verdict = (
@@ -119,11 +130,11 @@ def combination_result(experiment: str, rows: Sequence[CombinationRow], wanted: 
         f"{count_text(len(rows), 'case')} of {names} below their limits."
     )
     facts = {"experiment": experiment, "rows": [], "together": [row.to_dict() for row in rows]}
-    return Result(Note(verdict, later=4), combination_blocks(rows), facts, exit_code=int(failing > 0))
+    return Result(Note(verdict, later=4), combination_blocks(rows, complete), facts, exit_code=int(failing > 0))
 
 
-def combination_blocks(rows: Sequence[CombinationRow]) -> list[Block]:
-    """Return the worst rows of each list, and the number of failures."""
+def combination_blocks(rows: Sequence[CombinationRow], complete: bool = False) -> list[Block]:
+    """Return the counts of each list and its largest forces, or all causes and pairs if `complete`."""
     blocks: list[Block] = []
     for kind, title in ((FaultSet.COMMON, "common causes"), (FaultSet.PAIRS, "pairs")):
         of_kind = sorted((row for row in rows if row.faults.kind is kind), key=lambda row: -row.watched.peak)
@@ -139,7 +150,10 @@ def combination_blocks(rows: Sequence[CombinationRow]) -> list[Block]:
         )
         # of equal names the worst comes first
         worst = {row.faults.name: row for row in reversed(of_kind)}
-        shown = sorted(worst.values(), key=lambda row: -row.watched.peak)[:MAX_SHOWN]
+        shown = sorted(worst.values(), key=lambda row: -row.watched.peak)
+        if not complete:
+            # a failure is always shown
+            shown = [row for position, row in enumerate(shown) if position < MAX_SHOWN or row.fails]
         moved = any(row.stage.offset != NO_OFFSET for row in rows)
         cells = [_combination_cells(row, moved) for row in shown]
         blocks += ["", Note(text, later=4), Table(MOVED_COLUMNS if moved else COMBINATION_COLUMNS, cells, indent=0)]
@@ -192,14 +206,17 @@ def _force(peak: float) -> str:
     return f">{SINGULAR_FORCE:g}" if peak > SINGULAR_FORCE else f"{peak:.1f}"
 
 
-def _exceptions(rows: Sequence[FaultRow]) -> Iterator[Block]:
+def _exceptions(rows: Sequence[FaultRow], complete: bool) -> Iterator[Block]:
+    """Yield the failures, and if `complete` also the exceptions that were expected."""
     kinds = list(dict.fromkeys(row.kind for row in rows))
     last = [
         row for row in rows if FAULT_KINDS[row.kind].detection == "if large" and row.is_largest and not row.is_detected
     ]
-    blocks: dict[str, Sequence[FaultRow | str]] = {
+    failures: dict[str, Sequence[FaultRow | str]] = {
         "! expected to be detected, and not detected:": [row for row in rows if row.misses_detection],
         "! above the bound, and not expected there:": [row for row in rows if row.is_avoidable_excess],
+    }
+    expected: dict[str, Sequence[FaultRow | str]] = {
         "! above the bound, as with a monitor that cuts all power at the limit of force:": [
             row for row in rows if row.is_unavoidable
         ],
@@ -210,7 +227,7 @@ def _exceptions(rows: Sequence[FaultRow]) -> Iterator[Block]:
         ],
         "not detected at the largest magnitude, as expected:": [row for row in last if not row.misses_detection],
     }
-    for title, found in blocks.items():
+    for title, found in (failures | expected if complete else failures).items():
         yield from ["", title] if found else []
         for one in found:
             text = f"{one}: {FAULT_KINDS[one].reason}" if isinstance(one, str) else _row_text(one)

@@ -21,6 +21,7 @@ def identify(
     settings: Settings = (),
     height: Annotated[float | None, Option("Measured height of a level scale, for the encoder zeros.", "MM")] = None,
     motor_torque: Annotated[bool, Option("Use the measured drive/n.tau_motor to separate k_s from eta.")] = False,
+    paper: Annotated[bool, Option("Also print the result of the paper's own procedure, Sec. III.A.")] = False,
     from_s: FromS = None,
     to_s: ToS = None,
     out: Annotated[Path | None, Option("Folder; default: results/identify/NAME/TIME.", "DIR")] = None,
@@ -28,11 +29,10 @@ def identify(
 ) -> Result:
     """Identify a robot from presses on a scale: k_s eta, zeros, backlash, friction.
 
-    Each number has its 95 % interval; what the log cannot determine is named,
-    and the paper's own procedure is shown beside it. The log has encoders (as
-    for twin replay) and scale.F_z, pressing positive. See
-    docs/identification.md. Exit code: 0 done, 1 k_s eta cannot be determined
-    from this log, 2 input refused.
+    Each number has its 95 % interval; quantities that the log cannot determine
+    are named. The log has encoders (as for twin replay) and scale.F_z, pressing
+    positive. See docs/identification.md. Exit code: 0 done, 1 k_s eta cannot be
+    determined from this log, 2 input refused.
 
     Example: twin identify results/fig4_force_position
 
@@ -70,4 +70,4 @@ def identify(
     facts = identification_facts(one, curves.path.name, true)
     write_json(files["facts"], facts)
     named = {kind: str(path) for kind, path in files.items()}
-    return identification_result(one, name, named, true, facts)
+    return identification_result(one, name, named, true, facts, paper)

@@ -62,7 +62,12 @@ def truth(model: RobotModel) -> Mapping[str, float]:
 
 
 def identification_result(
-    one: Identification, name: str, files: dict[str, str], true: Mapping[str, float], facts: dict[str, object]
+    one: Identification,
+    name: str,
+    files: dict[str, str],
+    true: Mapping[str, float],
+    facts: dict[str, object],
+    paper: bool = False,
 ) -> Result:
     """Create the report.
 
@@ -71,6 +76,7 @@ def identification_result(
         files: kind -> path.
         true: values of a run of the twin, SI; empty for other logs.
         facts: `identification_facts`.
+        paper: whether to add the result of the paper's own procedure.
     """
     k = one.quantities["k_s_eta"]
     assert k.found is not None and k.believed is not None
@@ -87,7 +93,7 @@ def identification_result(
         "  Not identifiable from this log:",
         *(Note(text, "    ", 6, whole=True) for text in _unknown(one)),
         "",
-        *_paper(one),
+        *(_paper(one) if paper else []),
         *_residuals(one),
         *(note("note", text, whole=True) for text in one.notes),
     ]

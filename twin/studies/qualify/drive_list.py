@@ -1,6 +1,7 @@
 """The drives of fmus/ and the facts of one drive, for `twin drive list` and `twin drive info`."""
 
 import math
+import re
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,21 +9,23 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from twin.kernel.errors import InputRefused
 from twin.robot.paths import locate_file
-from twin.studies.result import Column, Table, lay_out
+from twin.studies.result import Column, Note, Table, lay_out, text_width
 
 if TYPE_CHECKING:
     from twin.kernel.fmi.variable import Variable
     from twin.robot.assembly.drives import DrivePlan
 
-TEXT_WIDTH = 80
 DRIVES_FOLDER = "fmus"
+SCHEMA_ERROR = re.compile(r"[A-Z]+ \(line (\d+), column \d+\): (.*)")
+"""Message of lxml about an element or attribute that the schema does not have."""
+CLAUSE_END = re.compile(r"[,:;] | (?:on|under|with) ")
+"""Places at which a description can be cut."""
 DRIVE_COLUMNS = (
     Column("drive", left=True),
-    Column("fits", 4, left=True, gap=2),
     Column("kind", 5, left=True, gap=2),
     Column("command", 8, left=True, gap=2),
     Column("FMI", 3, left=True, gap=2),
-    Column("what it is", left=True, gap=2, folds=True),
+    Column("what it is", left=True, gap=2),
 )
 
 
@@ -85,7 +88,7 @@ def _parameter(v: "Variable") -> dict[str, object]:
 
 
 def drive_text(plan: "DrivePlan") -> str:
-    """Return the facts of a drive as text of at most 80 columns."""
+    """Return the facts of a drive as text of at most `text_width` columns."""
     from twin.kernel.fmi.description import KIND_NAMES, capability_rows
     from twin.kernel.fmi.variable import to_json
     from twin.robot.assembly.drives import qualified_name
@@ -97,7 +100,7 @@ def drive_text(plan: "DrivePlan") -> str:
         lines += [
             f"{part + ': ' if part else ''}{fmu.path.name}  {fmu.model.modelName}, "
             f"FMI {fmu.model.fmiVersion} {KIND_NAMES[fmu.kind]}",
-            *textwrap.wrap(fmu.model.description or "", TEXT_WIDTH, initial_indent="  ", subsequent_indent="  "),
+            *textwrap.wrap(fmu.model.description or "", text_width(), initial_indent="  ", subsequent_indent="  "),
             f"  sha256     {fmu.sha256}",
             f"  binaries   {', '.join(fmu.platforms)}",
             f"  made with  {fmu.model.generationTool or 'not stated'}",
@@ -109,7 +112,7 @@ def drive_text(plan: "DrivePlan") -> str:
     for b in plan.bindings:
         arrow = "<-" if b.role.causality == "input" else "->"
         unit = f"[{b.variable.unit}]" if b.variable.unit else "[no unit]"
-        lines.append(f"  {b.port.name:10} {arrow} {b.mapped_name:20} {unit:9} {b.port.meaning}"[:TEXT_WIDTH])
+        lines.append(f"  {b.port.name:10} {arrow} {b.mapped_name:20} {unit:9} {b.port.meaning}"[: text_width()])
     lines += [f"  {source} -> {target}  (wire)" for source, target in plan.wires]
     for part, settings in plan.settings.items():
         texts = [
@@ -125,13 +128,19 @@ def drive_text(plan: "DrivePlan") -> str:
             head = f"  {v.name:{wide[0]}} {_start(v):>{wide[1]}} {_unit(v):{wide[2]}} "
             indent = " " * len(head)
             about = " ".join(filter(None, (v.description, f"One of: {', '.join(v.items)}." if v.items else "")))
-            lines += textwrap.wrap(about or "-", TEXT_WIDTH, initial_indent=head, subsequent_indent=indent)
+            lines += textwrap.wrap(about or "-", text_width(), initial_indent=head, subsequent_indent=indent)
     fmus = plan.parts.values() if plan.system is None else ()
-    warnings = plan.warnings() + [text for fmu in fmus for text in fmu.warnings()]
+    warnings = plan.warnings() + [text for fmu in fmus for text in map(_finding, fmu.warnings())]
     lines += [
-        line for text in warnings for line in textwrap.wrap(f"warning: {text}", TEXT_WIDTH, subsequent_indent="  ")
+        line for text in warnings for line in textwrap.wrap(f"warning: {text}", text_width(), subsequent_indent="  ")
     ]
     return "\n".join(lines)
+
+
+def _finding(problem: str) -> str:
+    """Return a finding of FMPy's validation; lxml reports a violated schema as `ERROR (line 32, column 0): ...`."""
+    found = SCHEMA_ERROR.fullmatch(problem)
+    return f"modelDescription.xml, line {found[1]}: violates the standard's schema: {found[2]}" if found else problem
 
 
 def _unit(v: "Variable") -> str:
@@ -193,12 +202,26 @@ def listed_drives(start: Path) -> tuple[ListedDrive, ...]:
 
 
 def drives_text(drives: Sequence[ListedDrive]) -> str:
-    """Return a line per drive, and a second one where the description or the problem is long."""
+    """Return a line per drive with the beginning of its description, then the problems of drives that do not fit."""
     rows = [
-        (one.name, "no" if one.problem else "yes", one.kind, one.command, one.fmi, one.problem or one.description)
+        (one.name, one.kind, one.command, one.fmi, "does not fit, see below" if one.problem else one.description)
         for one in drives
     ]
-    return lay_out([Table(DRIVE_COLUMNS, rows, indent=0)])
+    *columns, _ = DRIVE_COLUMNS
+    widths = [max(map(len, (column.name, *(row[i] for row in rows)))) for i, column in enumerate(columns)]
+    room = text_width() - sum(widths) - sum(column.gap for column in DRIVE_COLUMNS[1:])
+    short = [(*row, _first_clauses(text, room)) for *row, text in rows]
+    problems = [Note(f"{one.name}: {one.problem}", later=2, whole=True) for one in drives if one.problem]
+    more = "twin drive info NAME prints the whole description, parameters and wiring"
+    return lay_out([Table(DRIVE_COLUMNS, short, indent=0), "", *problems, Note(more)])
+
+
+def _first_clauses(text: str, length: int) -> str:
+    """Return as many clauses of `text` as fit into `length` characters, at least its first words."""
+    ends = [found.start() for found in CLAUSE_END.finditer(text) if found.start() <= length]
+    return (
+        text if len(text) <= length else text[: ends[-1]] if ends else textwrap.shorten(text, length, placeholder="...")
+    )
 
 
 def _drive(folder: Path) -> ListedDrive:

@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_toml
+from twin.robot.experiment.experiment_files import no_sweep_message
 from twin.robot.experiment.mistakes import error_messages
 from twin.robot.experiment.source import FILE_KEYS
 from twin.robot.paths import locate_file
@@ -198,7 +199,11 @@ def read_definition(path: Path) -> tuple[SweepFile, Path]:
     Raises:
         InputRefused: the file is missing, is not TOML, or is invalid; the message lists every error.
     """
-    definition = _validate_definition(read_toml(path, "sweep file"), str(path))
+    table = read_toml(path, "sweep file")
+    # every experiment has a title, its own or that of the file it extends; a sweep file has neither
+    if "experiment" not in table and table.keys() & {"title", "extends"}:
+        raise InputRefused(no_sweep_message(path))
+    definition = _validate_definition(table, str(path))
     return definition, locate_file(definition.experiment, path.resolve().parent)
 
 

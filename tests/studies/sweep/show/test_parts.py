@@ -127,7 +127,7 @@ def test_margins_of_the_best_runs_stand_after_them_with_the_reason_where_there_a
 def test_no_line_is_wider_than_a_terminal_and_columns_left_out_are_counted():
     names = [f"plant.a_rather_long_name_{n}" for n in range(12)]
     rows = [row(n, {name: float(n) for name in names}, **metrics(float(n))) for n in range(1, 9)]
-    text = sweep_text(kept(rows), ASKED)
+    text = sweep_text(kept(rows), ASKED, sensitivity=True)
     assert max(map(len, text.splitlines())) <= TEXT_WIDTH
     assert "more columns in --html)" in text
 
@@ -146,6 +146,12 @@ def test_each_drive_has_correlations_of_its_own_and_few_runs_are_warned_of():
     assert [", one" in part.title or ", other" in part.title for part in found] == [True, True]
     assert found[0].rows[0][:2] == ["k", "+1.00*"]
     assert any(remark.startswith("only 8 runs") for remark in found[0].remarks)
+
+
+def test_the_text_has_correlations_only_if_they_are_asked_for():
+    text, more = (sweep_text(kept(rows_of_drives()), ASKED, asked) for asked in (False, True))
+    assert "rank correlation with" not in text and "rank correlation with" in more
+    assert "--sensitivity" in text and "--sensitivity" not in more
 
 
 def test_a_design_without_indices_says_so_in_one_sentence_and_saltellis_has_them():

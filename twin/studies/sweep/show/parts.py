@@ -45,6 +45,8 @@ MAX_HEADLINE_VALUES = 3
 BIN_SHADES = " .:-=+*#"
 """Shades of histogram bins in text, from empty to fullest."""
 HISTOGRAM_TITLE = "least to most"
+SENSITIVITY_KEYS = ("correlation", "indices")
+"""Keys of the parts that the text has with `--sensitivity` only; JSON and page always have them."""
 
 
 @dataclass(frozen=True)
@@ -541,10 +543,12 @@ def worst_label(sweep: SweepRows, wanted: str | None) -> str | None:
     return found
 
 
-def sweep_text(sweep: SweepRows, asked: SweepQuery) -> str:
-    """Return the report of a sweep as text."""
-    found = (block for part in parts(sweep, asked) for block in _blocks(part))
-    return lay_out([_fold(headline(sweep, asked.by)), *found])
+def sweep_text(sweep: SweepRows, asked: SweepQuery, sensitivity: bool = False) -> str:
+    """Return the report of a sweep as text, with rank correlations and Sobol indices if `sensitivity`."""
+    found = parts(sweep, asked)
+    shown = [part for part in found if sensitivity or part.key not in SENSITIVITY_KEYS]
+    more = ["", "rank correlations and Sobol indices: --sensitivity"] if len(shown) < len(found) else []
+    return lay_out([_fold(headline(sweep, asked.by)), *(block for part in shown for block in _blocks(part)), *more])
 
 
 def _blocks(part: ReportPart) -> list[Block]:
