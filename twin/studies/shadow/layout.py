@@ -75,7 +75,7 @@ class ShadowDrive(NamedTuple):
 
 
 class Noises(NamedTuple):
-    """Process noise intensities of the filter, SI; see docs/shadow_method.md.
+    """Process noise intensities of the filter, SI; see docs/identification_method.md.
 
     Attributes:
         v: intensity of unmodelled platform acceleration (m/s2/sqrt(Hz)).
