@@ -109,7 +109,10 @@ def fault_matrix_result(
     )
     kinds = list(_worst(rows))
     shown = kinds if complete else sorted(kinds, key=lambda worst: -worst[0].watched.peak)[:MAX_SHOWN]
-    largest = Table(FAULT_COLUMNS, [(row.kind, *_cells(row, of_kind)) for row, of_kind in shown], indent=0)
+    title = replace(FAULT_COLUMNS[0], name="worst of each kind") if complete else FAULT_COLUMNS[0]
+    largest = Table(
+        (title, *FAULT_COLUMNS[1:]), [(row.kind, *_cells(row, of_kind)) for row, of_kind in shown], indent=0
+    )
     parts: list[Block] = [Note(counts, later=4), *([Note(early, later=4)] if ended else []), "", largest]
     parts += [*_exceptions(rows, complete), *combination_blocks(together, complete), ""]
     if not complete:
@@ -157,6 +160,8 @@ def combination_blocks(rows: Sequence[CombinationRow], complete: bool = False) -
         moved = any(row.stage.offset != NO_OFFSET for row in rows)
         cells = [_combination_cells(row, moved) for row in shown]
         blocks += ["", Note(text, later=4), Table(MOVED_COLUMNS if moved else COMBINATION_COLUMNS, cells, indent=0)]
+        if len(shown) < len(worst):
+            blocks += [f"  {len(shown)} of {len(worst)}; --all prints all"]
     return blocks
 
 
