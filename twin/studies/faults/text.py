@@ -73,7 +73,7 @@ def fault_matrix_result(
     together: Sequence[CombinationRow] = (),
     complete: bool = False,
 ) -> Result:
-    """Return the verdict, the counts, the largest forces, and the failures.
+    """Create the report of a fault matrix: verdict, the worst case of each kind, and the exceptions.
 
     Args:
         experiment: name of the experiment.
@@ -125,7 +125,7 @@ def fault_matrix_result(
 def combination_result(
     experiment: str, rows: Sequence[CombinationRow], wanted: Sequence[FaultSet], complete: bool = False
 ) -> Result:
-    """Return the verdict on common causes and pairs alone; `complete` lists all of them."""
+    """Create the report of common causes and pairs of faults without a fault matrix."""
     failing = sum(row.fails for row in rows)
     names = " and ".join({FaultSet.COMMON: "common causes", FaultSet.PAIRS: "pairs"}.get(one, one) for one in wanted)
     verdict = (
@@ -137,7 +137,7 @@ def combination_result(
 
 
 def combination_blocks(rows: Sequence[CombinationRow], complete: bool = False) -> list[Block]:
-    """Return the counts of each list and its largest forces, or all causes and pairs if `complete`."""
+    """Format the worst rows of each list of combined faults, and the number of failures."""
     blocks: list[Block] = []
     for kind, title in ((FaultSet.COMMON, "common causes"), (FaultSet.PAIRS, "pairs")):
         of_kind = sorted((row for row in rows if row.faults.kind is kind), key=lambda row: -row.watched.peak)
@@ -183,13 +183,15 @@ def _combination_cells(row: CombinationRow, moved: bool) -> tuple[str, ...]:
 
 
 def magnitude_text(kind: str, magnitude: float | None) -> str:
-    """`0.5 deg`, `3 x`; empty where the kind has no magnitude."""
+    """Format the magnitude of a fault, `0.5 deg` or `3 x`; empty for kinds without a magnitude."""
     unit = FAULT_KINDS[kind].unit
     return "" if magnitude is None else f"{magnitude:g} {UNIT_TEXTS.get(unit, unit or '')}".rstrip()
 
 
 def _worst(rows: Sequence[FaultRow]) -> Iterator[tuple[FaultRow, list[FaultRow]]]:
-    """Yield the row with the largest printed force of each kind (of equals the largest fault), and all its rows."""
+    """Yield the row with the largest printed force of each fault kind (of equals the largest fault), and all rows of
+    the kind.
+    """
     for _, group in groupby(rows, lambda row: row.kind):
         of_kind = list(group)
         yield max(of_kind, key=lambda row: (round(row.watched.peak, 1), of_kind.index(row))), of_kind
@@ -248,7 +250,7 @@ def _row_text(row: FaultRow) -> str:
 
 
 def draw_fault_matrix(experiment: str, rows: Sequence[FaultRow], path: Path) -> None:
-    """Write the picture to `path` (PNG): a line per kind, a column per onset and magnitude, the peak force in each.
+    """Draw the fault matrix to `path` (PNG): a line per kind, a column per onset and magnitude, the peak force in each.
 
     Args:
         experiment: name of the experiment.
@@ -306,7 +308,7 @@ def _draw_cell(axes: Axes, shade: "ScalarMappable", row: FaultRow, watched: bool
 
 
 def _size(row: FaultRow) -> int:
-    """Which of the kind's magnitudes it is, from 0."""
+    """Return the index of a row's magnitude among the magnitudes of its kind."""
     return (FAULT_KINDS[row.kind].magnitudes or ()).index(row.magnitude or 0.0)
 
 

@@ -28,7 +28,7 @@ MIN_LOADING_SPEED = 5e-4
 
 
 def truth(model: RobotModel) -> Mapping[str, float]:
-    """Values of the plant by the names of `identification.Quantity`, SI.
+    """Collect the true values of a simulated robot's plant, by the names of `identification.Quantity`, SI.
 
     The viscous friction is the apparent one of encoders read at the same instant. A co-simulation holds the motor angle
     over its tick H: the spring sees it half a tick early (Gauss-Seidel) or late (Jacobi), a torque k_s eta N^2 H/2
@@ -69,7 +69,7 @@ def identification_result(
     facts: dict[str, object],
     paper: bool = False,
 ) -> Result:
-    """Create the report.
+    """Create the report of an identification.
 
     Args:
         name: name of the log.
@@ -118,7 +118,7 @@ def _row(name: str, quantity: Quantity, true: Mapping[str, float]) -> list[str]:
 
 
 def _unknown(one: Identification) -> list[str]:
-    """Text on the undetermined quantities."""
+    """Describe the undetermined quantities of an identification."""
     reasons = []
     if not one.separates_eta:
         loss = (
@@ -149,7 +149,7 @@ def _unknown(one: Identification) -> list[str]:
 
 
 def _list(names: Sequence[str]) -> str:
-    """Join names to a list, three of a kind as one."""
+    """Join names to a list in words, with three of a kind as one name."""
     names = list(names)
     for one, all_three in ALL_THREE.items():
         numbered = [f"{one} {i}" for i in (1, 2, 3)]
@@ -160,7 +160,7 @@ def _list(names: Sequence[str]) -> str:
 
 
 def _paper(one: Identification) -> list[Block]:
-    """Table of the paper's procedure and its bias."""
+    """Create the table of the paper's calibration procedure and its bias."""
     press = one.one_pose
     if press is None:
         return [note("paper", "no gradual press in one place, so Sec. III.A cannot be followed", whole=True)]
@@ -188,7 +188,7 @@ def _residuals(one: Identification) -> list[Block]:
 
 
 def identification_facts(one: Identification, log: str, true: Mapping[str, float]) -> dict[str, object]:
-    """Return all results as numbers, SI; undetermined values are None."""
+    """Convert all results of an identification to numbers, SI; undetermined values are None."""
     quantities: dict[str, object] = {}
     for name, quantity in one.quantities.items():
         found = quantity.found
@@ -211,7 +211,9 @@ def identification_facts(one: Identification, log: str, true: Mapping[str, float
 
 
 def model_fragment(one: Identification, log: str) -> str:
-    """Create [controller] and [controller.model] with the determined values only; log: name of the file."""
+    """Create the TOML tables [controller] and [controller.model] with the determined values only; log: name of the
+    file.
+    """
     belief, q = one.model.belief, one.quantities
     k = one.estimate("k_s_eta")
     d = decimals(k)
@@ -247,12 +249,12 @@ def _zeros(angles: np.ndarray, source: str) -> Any:
 
 
 def _width(found: Sequence[Estimate | None]) -> str:
-    """Widest of the intervals (deg)."""
+    """Format the widest of several 95 % intervals (deg)."""
     return f"{max(display_value(one.half_width, 'rad') for one in found if one):.2g} deg"
 
 
 def draw_identification(one: Identification, name: str, path: Path) -> None:
-    """Write the picture to `path` (PNG)."""
+    """Draw the results of an identification to `path` (PNG)."""
     k = one.estimate("k_s_eta")
     with picture(path, 11, 8, f"{name}: k_s eta = {k.value:.4f} +- {k.half_width:.4f} N m/rad") as figure:
         draws = (_draw_force, _draw_air, _draw_depth, _draw_paper)
@@ -261,7 +263,7 @@ def draw_identification(one: Identification, name: str, path: Path) -> None:
 
 
 def _of_kind(one: Identification, kind: int) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals of the equations of one kind, and their windows."""
+    """Select the residuals of the equations of one kind, and their windows."""
     rows = one.fit.rows
     return rows.residual[rows.kind == kind], rows.window[rows.kind == kind]
 
