@@ -122,7 +122,7 @@ class DrivePlan:
 
     @property
     def is_bare(self) -> bool:
-        """Whether the drive's FMU is wired to the robot directly, without twin's velocity loop or rotor."""
+        """Whether the drive's FMU is wired directly, without twin's velocity loop, rotor or position command."""
         return self.table.velocity_loop is self.table.rotor is None and self.table.command != "position"
 
     @property

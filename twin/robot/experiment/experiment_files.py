@@ -50,7 +50,7 @@ def sweep_file(sweep: Path) -> Path:
 
 
 def _experiment_file(path: Path, shelf: str) -> Path | None:
-    """Return the file for a path, or for a name in `shelf`; None if the name is unknown."""
+    """Return the file for a path, or for a name in a subfolder such as experiments/; None if the name is unknown."""
     # not Path.is_file, which raises for a too long name
     if os.path.isfile(path):
         return path

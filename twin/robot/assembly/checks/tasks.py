@@ -264,7 +264,7 @@ def _monitor_errors(
 
 
 def _working_speed(task: Task) -> float:
-    """Return the largest speed of a massage task while in contact or towards it (m/s)."""
+    """Return the programmed speed of a massage task in contact or towards it (m/s); 0 for a press."""
     if isinstance(task, Roll):
         return 2.0 * math.pi * task.rate * task.radius
     return task.speed if isinstance(task, Tap | Push) else 0.0
