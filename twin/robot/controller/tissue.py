@@ -174,7 +174,7 @@ def update_pose(m, J):
 
 @njit(cache=True)
 def band_pass(stages, g, x):
-    """Band-pass `x` by two filters of gain 1 in the middle; return the output and its derivative over 2 pi f."""
+    """Filter `x` by a band-pass of two stages with gain 1 in the middle; return (output, derivative over 2 pi f)."""
     high = x
     for i in range(BAND_STAGES):
         stage = stages[i]

@@ -220,12 +220,12 @@ class Binding:
 
     @property
     def port(self) -> Port:
-        """Port of the contract, as wide as the variable: 3 for a drive with three axes in one FMU."""
+        """Port of the contract that the variable fills, as wide as the variable."""
         return replace(self.role.port, size=self.variable.size)
 
     @property
     def mapped_name(self) -> str:
-        """Name of the variable as a mapping spells it, with its sign and unit."""
+        """Name of the variable as a mapping spells it: "-name" if it has the opposite sign."""
         return f"-{self.name}" if self.turned else self.name
 
     def __str__(self) -> str:

@@ -142,6 +142,6 @@ def robot_values(values: Mapping[str, Any], origins: Mapping[str, str]) -> dict[
 
 
 def robot_values_text(counts: Mapping[str, int]) -> str:
-    """Format the counts of own and assumed values of [robot] as a sentence."""
+    """Format the counts of [robot]'s values: `3 own values, 41 inherited assumptions; ...`."""
     own = f"{counts['own']} own value{'s' * (counts['own'] != 1)}"
     return f"{own}, {counts['assumed']} inherited assumptions; twin accuracy ranks them"

@@ -91,7 +91,10 @@ class BooleanOp:
 
 @dataclass(frozen=True)
 class Temporal:
-    """Temporal operator: `operand` holds always, or at least once, between `begin` and `end` (s) from now."""
+    """Temporal operator: `operand` holds always, or at least once, between `begin` and `end` (s) from now.
+
+    `end` is None for the end of the run.
+    """
 
     operator: Side
     operand: "Formula"
