@@ -76,7 +76,7 @@ def leg_coordinates(geometry, leg, x, y):
 
 @njit(cache=True, forceinline=True)
 def legs():
-    """Cosines and sines of phi_i for all legs, as `compiled.lanes`."""
+    """Return cosines and sines of the azimuths phi_i of the three legs, as `compiled.lanes`."""
     return three(LEG_COS[0], LEG_COS[1], LEG_COS[2]), three(LEG_SIN[0], LEG_SIN[1], LEG_SIN[2])
 
 
@@ -148,7 +148,7 @@ def triples(values: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def place(array: NDArray[np.float64], row: int) -> str:
-    """Format the index of a flattened row of a (..., 3) array as ``[i, j]``; "" for a single row."""
+    """Format the index of a flattened row of a (..., 3) array for an error message: ``[i, j]``; "" for a single row."""
     if array.ndim == 1:
         return ""
     return str([int(i) for i in np.unravel_index(row, array.shape[:-1])])
@@ -268,7 +268,7 @@ def angles_near(anchors, k_r, k_z):
 
 @njit(cache=True, error_model="numpy")
 def move_anchor(geometry, anchors, leg, k_r, k_z):
-    """Move the anchor of a leg to the pose with its knee at (k_r, k_z), unless it is still near.
+    """Move a leg's reference angle ("anchor") to its present angle, unless it is still near.
 
     It is not moved at every call, because the angle would accumulate rounding errors.
     """
@@ -280,7 +280,7 @@ def move_anchor(geometry, anchors, leg, k_r, k_z):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _turn_sine(cosine, sine, k_r, k_z):
-    """Sine of the angle between a knee and its anchor."""
+    """Return the sine of the angle between a leg's knee and its reference angle."""
     return -(k_z * cosine + k_r * sine)
 
 

@@ -27,7 +27,7 @@ CUT_SHORT_TEXTS = {
 
 
 class Watch(Observer):
-    """An observer that derives the events of a run from its rows."""
+    """Observer that derives the events of a run from its signals: triggers, phases, trips, faults."""
 
     lasting = ("_before", "_touched", "_early", "_tripped", "_power")
 
@@ -121,7 +121,7 @@ class Watch(Observer):
             yield TickEvent(off, "ERROR", "safety monitor: the motors do not retract; power taken away", "monitor")
 
     def _other_trip(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
-        """Yield the trip event of a third-party monitor, which reports no reason."""
+        """Yield the trip event of a third-party safety monitor, which reports no reason."""
         if self._tripped or not self._system.has_output("monitor.tripped"):
             return
         at = np.flatnonzero(rows[:, self._system.columns("monitor.tripped").start])
@@ -152,7 +152,7 @@ class RunObservers(NamedTuple):
 
 
 def run_observers(experiment: Experiment, assembly: Assembly) -> RunObservers:
-    """Create the observers of a new run of `experiment`, assembled as `assembly`."""
+    """Create the stateful observers that every run has."""
     system = assembly.system
     tally = Tally(system, HoldRequest.from_experiment(experiment))
     return RunObservers(Tuning(experiment, assembly), Watch(assembly, experiment), tally)
