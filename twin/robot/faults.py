@@ -124,7 +124,7 @@ class CommandFault(FaultComponent):
     """Sampled fault component: limits the commanded drive speeds to +-limit while active.
 
     Args:
-        span: ticks in which it is active.
+        span: active ticks.
         limit: limit of the drives' speed (rad/s).
         size: number of drives behind it.
     """
@@ -149,7 +149,7 @@ class PowerFault(FaultComponent):
     """Sampled fault component: passes power signals on, and cuts all of them while active.
 
     Args:
-        span: ticks in which it is active.
+        span: active ticks.
         port: power line or lines.
     """
 
@@ -199,7 +199,7 @@ class ParameterFault(FaultComponent):
     Before the onset and after the end it is the nominal value, to the last bit.
 
     Args:
-        span: ticks in which it is active.
+        span: active ticks.
         owner: component whose memory holds the parameter.
         parameter: name of the parameter there.
         cell: the parameter itself, a view (1,) of that memory.
@@ -374,7 +374,7 @@ class CountFault(FaultComponent):
     Counts stay whole numbers, but the port is of kind "double": a lost count may be NaN.
 
     Args:
-        span: ticks in which it is active.
+        span: active ticks.
         law: law of the fault.
         port: the encoder's port of counts (3).
         element: index of the count, 0 to 2.
@@ -473,7 +473,7 @@ class MessageFault(FaultComponent):
     After the fault readers get the sender's present message at once; messages under way are dropped.
 
     Args:
-        span: ticks in which it is active.
+        span: active ticks.
         ports: ports of the sender that make one message.
         sender_period: period of the sender (ticks).
         least, most: range of the time under way (ticks).

@@ -198,7 +198,7 @@ def scene_update(geometry: Geometry, contact: Contact) -> SceneUpdate:
 
 
 def second_robot(beside: str, drawn: SceneUpdate) -> SceneUpdate:
-    """Copy the robot's moving parts as a translucent hull, into frames with the prefix `beside`."""
+    """Copy the robot's moving parts as a translucent hull, into frames whose names get the prefix `beside`."""
     found = SceneUpdate()
     for one in drawn.entities:
         if one.frame_id not in (BASE_FRAME, SURFACE_FRAME):

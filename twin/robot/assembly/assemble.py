@@ -60,7 +60,7 @@ IN_PROCESS_MAKER = InProcessDrives()
 
 
 class ComponentRow(NamedTuple):
-    """One row of the table from which the robot's components are built and wired.
+    """One row of the table of the robot's components, with their constructors and the sources of their inputs.
 
     Attributes:
         name: name of the row, and of its component if there is only one.

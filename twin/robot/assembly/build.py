@@ -231,7 +231,7 @@ def need_processes(plans: tuple[DrivePlan, ...]) -> bool:
 
 
 def _repeated_single_instance(fmus: Collection[FmuDescription]) -> FmuDescription | None:
-    """Return an FMU that is listed repeatedly although it allows one instance per process; None if there is none."""
+    """Return an FMU that is used repeatedly but allows one instance per process; None if there is no such FMU."""
     digests = [fmu.sha256 for fmu in fmus]
     return next((fmu for fmu in fmus if fmu.single_instance and digests.count(fmu.sha256) > 1), None)
 

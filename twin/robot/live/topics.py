@@ -30,7 +30,9 @@ class SceneSource(Protocol):
         """Message forms of the drawings for a viewer."""
 
     def drawings(self, first: int, rows: np.ndarray, /) -> Iterable[Drawing]:
-        """Return the drawings for `rows` (n, width), the first of which is tick `first`.
+        """Return the drawings for `rows` (n, width), beginning at tick `first`.
+
+        At tick 0 everything is drawn.
 
         At tick 0 everything is drawn.
         """

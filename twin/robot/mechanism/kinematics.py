@@ -89,7 +89,7 @@ def distal_volume(J: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def refuse_serial_singularity(geometry: Geometry, J: NDArray[np.float64], p_B: NDArray[np.float64]) -> None:
-    """Refuse poses at which a leg is stretched or folded.
+    """Refuse poses with a stretched or folded leg.
 
     Args:
         geometry: lengths of Fig. 2.
@@ -111,7 +111,7 @@ def refuse_serial_singularity(geometry: Geometry, J: NDArray[np.float64], p_B: N
 
 
 def refuse_parallel_singularity(J: NDArray[np.float64], p_B: NDArray[np.float64]) -> None:
-    """Refuse poses at which the three distal links lie in one plane.
+    """Refuse poses whose three distal links lie in one plane.
 
     Args:
         J: Jacobians in rad/m at the poses, shape (..., 3, 3).

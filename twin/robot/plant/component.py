@@ -230,7 +230,7 @@ def triple(v):
 
 @cache
 def make_step(moving, ramp):
-    """Compile the step of a plant with a moving surface or not, and with motors that turn within the step or not."""
+    """Compile the step function of the plant, with or without a moving surface, and motors turning within the step."""
 
     @step_function(PLANT_MEMORY, plant_inputs(moving, ramp), PLANT_OUTPUTS)
     def step(m, t, h, u, y):

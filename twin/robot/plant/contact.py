@@ -158,7 +158,10 @@ def settled_bristle(parameters, F_n, z_1, z_2):
 
 @njit(cache=True, forceinline=True)
 def friction(parameters, F_n, z_1, z_2, v_1, v_2):
-    """Force BY the robot ON the surface along e_1, e_2 (N): sigma_0 z_b + sigma_1 v_t, kept inside the cone mu F_n."""
+    """Return the friction force BY the robot ON the surface along e_1, e_2 (N): sigma_0 z_b + sigma_1 v_t.
+
+    It is kept inside the cone mu F_n.
+    """
     z_1, z_2 = settled_bristle(parameters, F_n, z_1, z_2)
     f_1 = parameters.sigma_0 * z_1 + parameters.sigma_1 * v_1
     f_2 = parameters.sigma_0 * z_2 + parameters.sigma_1 * v_2

@@ -42,7 +42,7 @@ def upward(parameters):
 
 @njit(cache=True, forceinline=True)
 def gravity_lever(up, leg, k_r, k_z):
-    """Return the lever (m) by which a weight at a leg's knee turns its joint: torque = weight * lever."""
+    """Return the lever (m) of a weight at a leg's knee about the joint: torque = weight * lever."""
     return up[2] * k_r - (LEG_COS[leg] * up[0] + LEG_SIN[leg] * up[1]) * k_z
 
 
@@ -72,7 +72,7 @@ def friction_torque(parameters, anchors, leg, theta_l):
 
 @njit(cache=True, forceinline=True)
 def hysteresis_deflection(parameters, anchors, leg, d):
-    """Return the deflection (rad) at which a spring without hysteresis has the torque of this one at `d`, (P15)."""
+    """Return the deflection (rad) of a spring without hysteresis with the same torque as this spring at `d`, (P15)."""
     return d + _clamp(d - anchors[leg, SPRING_ANCHOR], parameters.spring_hysteresis * abs(d))
 
 
@@ -85,14 +85,14 @@ def drag(parameters, anchors, leg, theta_l, d):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def stop_deflection(parameters, d):
-    """Return the deflection (rad) at which a spring without a stop has the torque of this one at `d`."""
+    """Return the deflection (rad) of a spring without a stop with the same torque as this spring at `d`."""
     over = abs(d) - parameters.spring_stop
     return d + math.copysign(parameters.stop / parameters.k_s * over, d) if over > 0.0 else d
 
 
 @njit(cache=True, error_model="numpy")
 def inverse_stop_deflection(parameters, d):
-    """Return the deflection (rad) at which a spring with a stop has the torque of one without a stop at `d`."""
+    """Return the deflection (rad) of a spring with a stop with the torque of a spring without one at `d`."""
     over = abs(d) - parameters.spring_stop
     return d - math.copysign(over - over / (1.0 + parameters.stop / parameters.k_s), d) if over > 0.0 else d
 

@@ -102,7 +102,7 @@ def breathing(motion, t):
 
 @njit(cache=True, error_model="numpy")
 def least_jerk(t, rise):
-    """Completed share of a shift with duration `rise` (s), `t` seconds after its start, and its rate (1/s)."""
+    """Return the completed share of a shift of duration `rise` (s), `t` seconds after its start, and its rate (1/s)."""
     if t <= 0.0:
         return 0.0, 0.0
     if t >= rise:

@@ -197,7 +197,10 @@ class HoldSums:
 
     @property
     def settling(self) -> float | None:
-        """Settling time (s); None if the force is outside its band when the first hold ends, or nothing was held."""
+        """Settling time of the force (s); None if it is outside its band when the first hold ends.
+
+        Also None if the force was never held.
+        """
         m = self._memory[0]
         if not m["count"]:
             return None

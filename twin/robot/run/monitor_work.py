@@ -13,7 +13,7 @@ from twin.robot.assembly.drives import ENABLE_ROLE
 
 
 class MonitorWork(Observer):
-    """Observer that finds the first tick at which the safety monitor affects the robot.
+    """Observer of the safety monitor's effect: finds the first tick with an effect on the robot.
 
     The monitor is idle while its output command equals its input bit for bit and the power stays on. If nothing else
     reads more of it than command and power, all other signals then equal a run without it, by induction over

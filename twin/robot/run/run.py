@@ -237,7 +237,7 @@ class Run:
         return self.simulated / self.stepping
 
     def state(self, at: float) -> SavedState:
-        """Return the state at the time `at` (s), loaded from the recording or computed by running again.
+        """Return the simulation state of the run at time `at` (s), from the recording or by running again.
 
         Raises:
             InputRefused: the time is outside the run, or a component cannot save its state.

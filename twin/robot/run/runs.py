@@ -31,11 +31,11 @@ class RunRequest(NamedTuple):
     """The data that a study keeps of each run in memory.
 
     Attributes:
-        signals: signals of the trace, `topic.field` each; empty: no trace. None: all, also those of faults, which a
-            past lacks: every run is made from the start.
+        signals: signals of the trace, `topic.field` each; empty for no trace. None for all signals, including faults'
+            own, which shared prefixes lack: every run is then made from the start.
         tally: whether to sum up the numbers.
         idle: whether to find out if the monitor ever acted.
-        check: called with each experiment and its system before the first tick, to refuse what cannot be measured.
+        check: called with each experiment and its system before the first tick, to refuse unmeasurable ones.
     """
 
     signals: frozenset[str] | None = frozenset()
@@ -89,7 +89,7 @@ class _Watch:
     Args:
         request: data to keep.
         experiment: experiment of the run.
-        past: observers of the run that this one continues; None for a run from the start.
+        past: observers of the prefix that this run continues; None for a run from the start.
     """
 
     def __init__(self, request: RunRequest, experiment: Experiment, past: "_Watch | None" = None):
@@ -172,13 +172,13 @@ class _PrefixEntry:
 class Runs:
     """Runs experiments in memory, reusing prefixes that several runs share; a context manager that frees them.
 
-    Experiments that differ only in faults and changes have the same past. It is run once, and they are continued from
-    its last state before they differ, with the same bits as from the start.
+    Experiments that differ only in faults and changes share a prefix. It is simulated once, and each run continues
+    from its last state before the first difference, bit-identical to a run from the start.
 
     Args:
         request: data to keep of each run.
-        after: runs with one past that are made from the start before that past is run, which takes as long as two.
-        most: pasts to keep, those that were used last; 0 to make every run from the start.
+        after: number of runs made from the start before their prefix is simulated, which takes as long as two runs.
+        most: maximum number of prefixes kept, the last used ones; 0 to make every run from the start.
     """
 
     def __init__(self, request: RunRequest, after: int = 0, most: int = 2):
@@ -214,7 +214,7 @@ class Runs:
         return watch.outcome(past.shared.run_variant(experiment, first, watch.observers))
 
     def _find_prefix(self, experiment: Experiment) -> _PrefixEntry | None:
-        """The past of `experiment`, run if that is worth it; None if it has none that can be shared."""
+        """Return the cached prefix that a run of `experiment` can continue, simulated if it pays; None without one."""
         base = replace(prefix_experiment(experiment), changes=())
         if not self._most or self.request.signals is None:
             return None

@@ -182,7 +182,7 @@ def simulate_variants(
     watch: Callable[[System], Sequence[Observer]] = lambda system: (),
     slice_ticks: int = MAX_SLICE,
 ) -> list[tuple[SimulationResult, Trace]]:
-    """Run a system several times up to tick `at`, where each of `ways` changes it in a different way.
+    """Run a system once per function of `ways`, each of which changes the system in its own way at tick `at`.
 
     Args:
         make: assembles the system.

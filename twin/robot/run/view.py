@@ -62,7 +62,10 @@ def held_samples(times: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[
 
 
 def sample_and_hold(run: RunView, key: str, t: NDArray[np.float64]) -> NDArray:
-    """Return the newest values of `topic.field` at each of `t` (s), (n,) or (n, size); before the first, its value."""
+    """Return the newest values of the signal `topic.field` at each of the times `t` (s).
+
+    The shape is (n,) or (n, size). Times before the first sample get its value.
+    """
     values: NDArray = run[key][held_samples(run.time(key.rpartition(".")[0]), t)]
     return values
 
