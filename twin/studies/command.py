@@ -269,7 +269,7 @@ def confirm(question: str) -> bool:
 
 
 class Say(Protocol):
-    """Progress callback: called with the current activity and the completed share, 0 .. 1 (None if unknown)."""
+    """Progress callback of a study: called with activity and completed share, 0 .. 1 (None if unknown)."""
 
     def __call__(self, what: str, share: float | None = None, /) -> None: ...
 

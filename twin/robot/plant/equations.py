@@ -80,7 +80,7 @@ class PlantEquations:
         self._at = memory_of(_EQUATIONS_RECORD, parameters=tuple(parameters), anchors=INITIAL_ANCHORS)
 
     def hold(self, x: ArrayLike, theta_m: ArrayLike) -> None:
-        """Anchor the dry friction anew at a state (8,) and motor angles (3,) in rad."""
+        """Anchor the dry friction at a state (8,) and motor angles (3,) in rad, replacing earlier anchors."""
         self._set_state(x, theta_m)
         self._at["anchors"] = INITIAL_ANCHORS
         _hold(self._at)

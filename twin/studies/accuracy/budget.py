@@ -84,7 +84,7 @@ class Effect:
         return any(getattr(experiment.plant, name) != TrueRobot.model_fields[name].default for name in self.values)
 
     def apply_to(self, experiment: Experiment, like: Experiment) -> Experiment:
-        """Return `experiment` with the effect at its values in `like`, or at plausible values if `like` lacks it."""
+        """Return the experiment with the small effect, as strong as in `like`, or plausibly strong if that lacks it."""
         given = {name: getattr(like.plant, name) for name in self.values}
         if not self.is_present(like):
             given = {name: experiment.cosim.tick if value is ONE_TICK else value for name, value in self.values.items()}
@@ -343,7 +343,10 @@ def _trace(experiment: Experiment) -> _Trace:
 
 
 def _window(experiment: Experiment, traces: list[_Trace]) -> NDArray[np.bool_]:
-    """Mask (n,) of the instants when the robot presses in every run, from `TOUCHDOWN_TIME` after the first on."""
+    """Return the mask (n,) of the instants that an accuracy budget evaluates: the robot presses in every run.
+
+    It begins `TOUCHDOWN_TIME` after the first such instant.
+    """
     pressing = np.all([trace.true > MIN_PRESSING_FORCE for trace in traces], axis=0)
     if not pressing.any():
         raise InputRefused(

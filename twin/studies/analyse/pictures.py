@@ -101,9 +101,10 @@ def _mark_margins(magnitude: Axes, phase: Axes, margins: Margins, curve: tuple[N
 
 
 def shown_loops(done: stability.Stability) -> list[Curve]:
-    """Select the loops to draw: position x, y, z at the point with the lowest gain limit, and z and force.
+    """Select the loops to draw: position x, y and z, then z and force.
 
-    Each at the critical point of its law.
+    The first three are drawn at the point with the lowest gain limit of the position law, the others at the force
+    law's.
     """
     curves: list[Curve] = []
     for law, names in (("position", stability.POSITION_LOOPS), ("force", ("position_z", *stability.FORCE_LOOPS))):

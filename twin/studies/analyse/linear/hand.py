@@ -39,7 +39,7 @@ Complex = NDArray[np.complex128]
 
 
 def signal_labels(ports: tuple[Port, ...]) -> list[str]:
-    """Return one label per value of the ports: `p_B_x` for a vector in frame B, `theta_l_1` for a leg."""
+    """Return a label per port value: `p_B_x` for a vector in frame B, `theta_l_1` for a leg, `F_n` for a scalar."""
     labels = []
     for port in ports:
         parts = "xyz" if port.name.endswith("_B") else [str(i + 1) for i in range(port.size)]

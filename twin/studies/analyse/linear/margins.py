@@ -96,7 +96,10 @@ def response(system: control.StateSpace, omega: Matrix) -> Complex:
 
 
 def loop_response(loops: Loops, gains: dict[str, float], name: str, omega: Matrix) -> Complex:
-    """L (n,) of one loop, opened at its law's output, the others closed with `gains`; 1 + L = 0 is critical."""
+    """Return the loop gain L (n,) of one loop, opened at its law's output, with the other loops closed.
+
+    1 + L = 0 is critical.
+    """
     others = closed_loops(loops, {loop: gain for loop, gain in gains.items() if loop != name})
     i = LOOPS.index(name)
     return -gains[name] * response(others[i, i], omega)[:, 0, 0]
