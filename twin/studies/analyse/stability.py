@@ -37,7 +37,7 @@ MAX_POLES = 6
 
 @dataclass(frozen=True)
 class PointStability:
-    """Stability of the loops at one operating point; margins only where it is stable.
+    """Stability of the loops at one operating point; margins only where it is stable, else they have no meaning.
 
     Attributes:
         stable: whether every pole is inside the unit circle.

@@ -78,7 +78,7 @@ def header(part: RobotPart, layout: Layout) -> bytes:
 
 
 def fields(part: RobotPart, layout: Layout) -> bytes:
-    """Return the content of fields.c, the tables of inputs, outputs and parameters of the exported C library."""
+    """Return the content of fields.c, the tables of parameters, error messages and ports of the exported C library."""
     parameters = parameters_of(layout)
     places = [
         f"{{offsetof(computer_parameters, {v.name}), {_text(f'{v.name}: expected {expected_range(v.limits)}')}, "
@@ -152,7 +152,7 @@ def _element_name(port: Port, n: int) -> str:
 
 
 def _words(layout: Layout) -> int:
-    """Return the size of the exported C library's `State` in 8-byte words."""
+    """Return the size of the exported C library's `State` in 8-byte words: stamp, mode, two ticks, arrays."""
     return 4 + layout.values + len(layout.sources) + 1 + -(-len(layout.image) // 8)
 
 

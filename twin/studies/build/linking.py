@@ -218,7 +218,10 @@ def static_library(source: str, platform: Platform, files: Mapping[str, bytes], 
 
 
 def universal(slices: Mapping[str, bytes]) -> bytes:
-    """Combine macOS libraries of several processors to one universal library."""
+    """Combine macOS libraries of several processors, by triple, to one universal library.
+
+    Layout: <mach-o/fat.h>, big-endian.
+    """
     header = struct.pack(">II", 0xCAFEBABE, len(slices))
     body, start = b"", 8 + 20 * len(slices)
     for triple, content in slices.items():

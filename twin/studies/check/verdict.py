@@ -45,6 +45,8 @@ class CheckRow:
 class TubeDeparture:
     """A curve that leaves the tube around its baseline, at the tube's instants t (s), (n,).
 
+    Its values are in `unit`, NaN where it has no value.
+
     Attributes:
         before: the baseline.
         lower, upper: the tube around it.
