@@ -244,7 +244,10 @@ def _ratio(a: float, b: float) -> float:
 
 
 def end_error(runs: Fig4Runs) -> float:
-    """Largest distance of the platform from the ends of the sweep, before and after it, in both runs (m)."""
+    """Measure the largest distance of the platform from the ends of the sweep, before and after it (m).
+
+    Both runs count.
+    """
     missed = [
         abs(float(np.mean(run.p_B[run.controller_window(*window), 1])) - end)
         for run in (runs.force_position, runs.position)

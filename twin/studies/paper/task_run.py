@@ -50,7 +50,7 @@ class TaskRun:
 
     @cached_property
     def _sample_indices(self) -> NDArray[np.int64]:
-        """Return the index of the controller's sample that is valid at each of the plant's ticks."""
+        """Index of the controller's sample that is valid at each of the plant's ticks of this task."""
         return held_samples(self.recording.time("controller"), self.recording.time("plant"))
 
     @cached_property
@@ -79,7 +79,7 @@ class TaskRun:
 
     @cached_property
     def full_turns(self) -> Mask:
-        """Return the mask of a task's full circles, without the turns that spiral out and back."""
+        """Mask of a task's full circles, without the turns that spiral out and back."""
         circling = self.phase_mask(PhaseKind.CIRCLE)
         assert self.task.kind == "roll"
         since = self.t - response.first_time(self.t, circling)
@@ -88,20 +88,20 @@ class TaskRun:
 
     @cached_property
     def taps(self) -> list[slice]:
-        """Return the samples of each tap, from its start to the next start, or to the end of the task."""
+        """Samples of each tap, from its start to the next start, or to the end of the task."""
         tapping = self.phase_mask(PhaseKind.TAP)
         starts = np.flatnonzero(np.diff(tapping.astype(np.int8), prepend=0) > 0)
         return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(self.t)], strict=True)]
 
     @cached_property
     def peaks(self) -> response.Curve:
-        """Return the largest force of each tap that touches (N)."""
+        """Largest force of each tap that touches (N)."""
         largest = np.array([self.F_z[tap].max() for tap in self.taps])
         return largest[largest >= TAP_SHARE * self.task.force]
 
     @cached_property
     def touches(self) -> NDArray[np.int64]:
-        """Return the index of the first sample in contact of each tap that touches."""
+        """Index of the first sample in contact of each tap that touches."""
         hits = [tap.start + np.flatnonzero(self.F_z[tap] > 0.0) for tap in self.taps]
         return np.array([hit[0] for hit in hits if len(hit)], dtype=np.int64)
 
