@@ -59,7 +59,7 @@ class BranchOutcome:
 
     @property
     def json_values(self) -> dict[str, Any]:
-        """Return the outcome of a continued run as a JSON-compatible dict in SI units."""
+        """Outcome of a continued run as a JSON-compatible dict in SI units."""
         outcome = self.run.outcome
         return {
             "branch": self.branch.name,

@@ -128,12 +128,12 @@ class Contact(Settings):
 
     @property
     def motions(self) -> list[Breathing | Shift]:
-        """Return the tables of the surface's motions, breathing and shift, that the experiment has."""
+        """Tables of the surface's motions, breathing and shift, that the experiment has."""
         return [table for table in (self.breathing, self.shift) if table is not None]
 
     @property
     def law_constants(self) -> dict[str, Any]:
-        """Return the given constants of the contact law, by attribute."""
+        """Given constants of the contact law, by attribute."""
         return {name: getattr(self, name) for name in KEYS_BY_LAW[self.law].all if getattr(self, name) is not None}
 
     @field_validator("shape")

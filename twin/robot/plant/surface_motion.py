@@ -65,7 +65,7 @@ class Breathing(Settings):
 
     @property
     def motion(self) -> Motion:
-        """Return the breathing as a surface motion along z."""
+        """Breathing as a surface motion along z."""
         return Motion(**(numbers(self) | {"kind": MotionKind.BREATHING, "displacement": (0.0, 0.0, self.amplitude)}))
 
 
@@ -79,7 +79,7 @@ class Shift(Settings):
 
     @property
     def motion(self) -> Motion:
-        """Return the shift of the body as a surface motion."""
+        """Shift of the body as a surface motion."""
         return Motion(MotionKind.SHIFT, **numbers(self))
 
 

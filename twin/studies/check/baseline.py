@@ -84,7 +84,7 @@ class StoredCurve(_Table):
 
     @property
     def curve(self) -> SampledCurve:
-        """Return the stored curve as a `SampledCurve` for comparison."""
+        """Stored curve as a `SampledCurve` for comparison."""
         return SampledCurve(
             self.signal, self.unit, np.array(self.t_s), np.array(self.values), self.tolerance, self.dt_s
         )

@@ -157,7 +157,7 @@ class Fig4Runs:
 
     @property
     def missing(self) -> dict[str, list[str]]:
-        """Return the series that claims of Fig. 4 need and each recorded run lacks, by file."""
+        """Series that claims of Fig. 4 need and each recorded run lacks, by file."""
         runs = [self.force_position, self.position, *(self.imperfect or ())]
         recorded = [run.recording for run in runs if isinstance(run.recording, Recording)]
         found = {str(one.path): missing_series(FIG4_SERIES, one.fields()) for one in recorded}
@@ -165,7 +165,7 @@ class Fig4Runs:
 
     @property
     def tuned_parameters(self) -> dict[str, str]:
-        """Return the parameters whose source states that they were tuned to meet the paper: key -> source."""
+        """Parameters whose source states that they were tuned to meet the paper: key -> source."""
         runs = (self.force_position, *(self.imperfect[:1] if self.imperfect else ()))
         origins = [run.recording.metadata.get("origins", {}) for run in runs]
         return {key: text for one in origins for key, text in one.items() if text.startswith("tuned")}

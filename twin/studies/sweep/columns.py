@@ -53,7 +53,7 @@ class CategoricalColumn:
 
     @property
     def counts(self) -> dict[Any, int]:
-        """Return the number of rows per category, in order of first appearance."""
+        """Number of rows per category, in order of first appearance."""
         codes, first, counts = np.unique(self.codes, return_index=True, return_counts=True)
         return {self.categories[codes[n]]: int(counts[n]) for n in np.argsort(first)}
 

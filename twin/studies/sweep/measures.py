@@ -62,7 +62,7 @@ class RunFinding:
 
     @property
     def row_fields(self) -> dict[str, Any]:
-        """Return the outcome of a run as fields of its row, for JSON."""
+        """Outcome of a run as fields of its row, for JSON."""
         return {
             "status": self.status,
             "reason": self.reason,

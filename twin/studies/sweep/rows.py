@@ -125,7 +125,10 @@ def read_columns(path: Path) -> tuple[Columns, int]:
 
 
 def _whole_lines(path: Path) -> Iterator[tuple[Row, bytes, int]]:
-    """Yield (row, its line, file offset of its end) per complete line of the file at `path`; nothing without a file."""
+    """Yield (row, line, file offset of the line's end) for each complete line of a sweep's rows.
+
+    Nothing is yielded without a file.
+    """
     if not os.path.lexists(path):
         return
     end = 0

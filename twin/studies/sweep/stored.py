@@ -96,7 +96,7 @@ class SweepRows:
 
     @cached_property
     def rows(self) -> list[Row]:
-        """Return the rows of the sweep as written, with curves, sorted by run.
+        """Rows of the sweep as written, with curves, sorted by run.
 
         Loading them takes ten times as long as loading columns.
         """

@@ -92,7 +92,7 @@ class DriveModel:
 
     @property
     def steady_gain(self) -> Matrix:
-        """Return the advance of the drive's shaft per tick (2,) for a constant command and a constant load."""
+        """Advance of the drive's shaft per tick (2,) for a constant command and a constant load."""
         return (self.D + self.C @ np.linalg.solve(np.eye(len(self.A)) - self.A, self.B))[0]
 
     def response(self, z: NDArray[np.complex128]) -> NDArray[np.complex128]:

@@ -157,7 +157,10 @@ def floor_text(metric: str) -> str:
 
 
 def floor(metric: str, numbers: Numbers) -> Numbers:
-    """Return the largest irrelevant difference from each of `numbers`; 0 for a metric that is not a measure of twin."""
+    """Return the largest irrelevant difference from each value of a metric.
+
+    It is 0 for a metric that is not a measure of twin.
+    """
     measure = BY_COLUMN.get(metric)
     if measure is None:
         return np.zeros_like(numbers)
@@ -477,7 +480,10 @@ class Likelihood:
 
 @cache_per_columns
 def likelihoods(columns: Columns) -> list[Likelihood]:
-    """Return the probability of each claim judged in at least one run, in the paper's order, without failed runs."""
+    """Return the probability of each claim judged in at least one run, in the paper's order.
+
+    Failed runs do not count.
+    """
     judged = columns.names_in_group("verdicts")
     if not judged:
         return []
