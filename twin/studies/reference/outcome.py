@@ -517,7 +517,10 @@ def _isolate_trial(file: Path, number: int, trial: Trial, limits: JobLimits) -> 
 def outcome_of(
     file: Path, trial: Trial, ended: Callable[[ReferenceOutcome], None] = lambda outcome: None
 ) -> ReferenceOutcome:
-    """Run one reference experiment of an FMU in this process and compare it with the reference results."""
+    """Run one reference experiment of an FMU in this process and compare it with the reference results.
+
+    `ended` is called with the outcome before the FMU is freed, which crashes some FMUs.
+    """
     outcomes: list[ReferenceOutcome] = []
 
     def judge(run: BareRun) -> None:

@@ -144,7 +144,7 @@ class StoredRun:
         return found
 
     def remove(self) -> int:
-        """Remove the run's files written by twin, and its folder if it is then empty; return the removed bytes.
+        """Remove the run's files written by twin, and its folder if it is then empty; return the removed size (bytes).
 
         Raises:
             OSError: the disk refuses.
