@@ -64,8 +64,7 @@ def free_shaft(theta_m, omega_m, tau_load, h):
 
     J d omega_m/dt = -b omega_m - tau_load, with friction implicit and the angle moved by the new speed (symplectic
     Euler): `tau_load` is the spring's torque at the old angle, and this scheme keeps an oscillator of k_s on J stable
-    for
-    h < 2 sqrt(J/k_s), 20 ms here; the exact solution with the torque held would gain energy in every turn (Hairer,
+    for h < 2 sqrt(J/k_s), 20 ms here; the exact solution with the torque held would gain energy in every turn (Hairer,
     Lubich, Wanner, Geometric Numerical Integration, section I.1.2).
     """
     omega_m = (omega_m - h * tau_load / SHAFT_INERTIA) / (1.0 + h * SHAFT_FRICTION / SHAFT_INERTIA)
@@ -122,8 +121,7 @@ class DriveFault(FaultComponent):
     """Continuous component behind a faulty drive: the drive's shaft in, the joint's real shaft out.
 
     The step that begins at tick k is faulty for onset <= k < end. Afterwards the shaft follows the drive's motion again
-    from
-    its present angle: without a jump, with a permanent offset. The drive itself is unaffected.
+    from its present angle: without a jump, with a permanent offset. The drive itself is unaffected.
 
     Args:
         name: component name.
@@ -196,8 +194,7 @@ def braked_shaft(u, theta_m, omega_m, tau_load, hold, h):
     """Return angle and speed (theta_m, omega_m) after `h` seconds of an unpowered shaft with dry friction.
 
     J d omega_m/dt = -b omega_m - tau_load - hold sign(omega_m): as `free_shaft`, with a friction that removes as much
-    speed
-    as it can in `h`, at most all of it (implicit; Moreau's time stepping for Coulomb friction).
+    speed as it can in `h`, at most all of it (implicit; Moreau's time stepping for Coulomb friction).
     """
     omega_m = (omega_m - h * tau_load / u.J) / (1.0 + h * u.b / u.J)
     most = h * hold / u.J

@@ -79,8 +79,7 @@ def line_share(phase, length, t):
     """Return path (m) and speed (m/s) along a line of `length` at `t` (s) from the start of the motion.
 
     The speed rises along `smooth` within ramp_in and falls likewise within ramp_out, so position, speed and
-    acceleration
-    are continuous, except that a ramp of 0 is a step in speed.
+    acceleration are continuous, except that a ramp of 0 is a step in speed.
     """
     total = line_time(phase, length)
     if t >= total or length == 0.0:
@@ -226,8 +225,7 @@ def _detect_surface(m, phase, t, z, F):
     """Detect the height at which the descending platform meets the surface, and derive the tap's turning height.
 
     The unfiltered force `F` (N) is used, as a low-pass would detect contact deeper the faster the descent. It contains
-    the
-    platform's inertia, so detection waits until the platform is at speed. The robot's own compliance still delays
+    the platform's inertia, so detection waits until the platform is at speed. The robot's own compliance still delays
     detection in taps; the first tap after a probe measures by how much.
     """
     if not m.touching and F >= m.contact_force and t - m.entered >= phase.ramp_in:
@@ -249,8 +247,7 @@ def _turn_within(m, phase, t, h, rest):
     """Reverse a tap between two calls of the controller, `rest` seconds after `t`.
 
     The command is held until then, so its speed is the mean of down and up: a reversal at the previous or next call
-    would
-    miss the depth by up to h times the speed.
+    would miss the depth by up to h times the speed.
     """
     down = m.v[2]
     m.p[2] += down * rest

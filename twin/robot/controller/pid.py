@@ -183,8 +183,7 @@ def proposal(pid, e, h):
     """Compute the output of a PID loop for error `e`; return it with the new integral, which is not stored yet.
 
     The derivative acts on the error and starts at 0. A caller with an output limit accepts the integral only within
-    that
-    limit, which prevents windup by conditional integration.
+    that limit, which prevents windup by conditional integration.
     """
     if pid.started and pid.kd != 0.0:
         rate = (e - pid.error) / h

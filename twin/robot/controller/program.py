@@ -66,8 +66,7 @@ class Phase(NamedTuple):
         speed: speed along the line (m/s).
         ramp_in, ramp_out: acceleration and deceleration time (s).
         radius, rate, turns: circle about the starting point (m, Hz, 1), with one more turn to spiral out to it and one
-            to
-            spiral back; radius 0 for a straight line.
+            to spiral back; radius 0 for a straight line.
         force_on: whether the force loop acts.
         F_end: force reference reached within `duration` (N).
         duration: minimum duration (s).

@@ -212,9 +212,8 @@ def _stiffness_variance(m, error, k, F_k, age, F):
     """Return the present variance of the estimated stiffness k, including possible changes of the tissue since.
 
     Tissue stiffens with force, at most in proportion, and differs between places. Time alone causes no doubt: tissue
-    softer
-    or stiffer by dk yields by F dk/k^2 more or less under the same force, so if the height has moved only as far as the
-    force explains, the stiffness is unchanged.
+    softer or stiffer by dk yields by F dk/k^2 more or less under the same force, so if the height has moved only as far
+    as the force explains, the stiffness is unchanged.
     """
     changed = STIFFENING_SHARE * abs(F - F_k) / max(F, F_k) if m.since > 0.0 else 0.0
     moved = abs(m.z_1 - m.z_k + (F - F_k) / k)

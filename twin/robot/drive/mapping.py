@@ -186,8 +186,7 @@ class Wiring:
         sign: -1 if the FMU turns in the opposite direction.
         gear_ratio: turns of its shaft per turn of the motor shaft theta_m.
         inputs, outputs: role -> the FMU's variable; "-name" if only that variable has the opposite sign, "name[rpm]" if
-            its
-            FMU declares no unit.
+            its FMU declares no unit.
         rotor: whether twin simulates the shaft.
     """
 
@@ -456,8 +455,7 @@ def propose_wires(variables: Mapping[str, Variable]) -> list[WireProposal]:
     """Propose wires between the parts of a drive, from equal names, or from a single output of the same dimension.
 
     The inputs left for the robot must include a load and a command: so inputs named like these are never wired by
-    dimension
-    alone, and if no input is left, no wire by dimension is sure.
+    dimension alone, and if no input is left, no wire by dimension is sure.
 
     Args:
         variables: variables of all parts, as "part.variable".

@@ -59,8 +59,7 @@ def commented_experiment(declared: DeclaredTables, name: str, base: Path) -> str
     """Return a commented template: the experiment at `base` plus every other key, commented out.
 
     Values of `base` in tables other than [robot] are active; of [plant], only values that the robot's file lacks. All
-    other
-    lines begin with "#" and show the value of body or robot, the default, or an example.
+    other lines begin with "#" and show the value of body or robot, the default, or an example.
 
     Args:
         declared: tables that an experiment may have.

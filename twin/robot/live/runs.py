@@ -44,8 +44,7 @@ def recorded_runs(
     """Run experiments one after the other and record them, as the job of `twin run`.
 
     Notes: {"experiment", "folder", "duration" (s)} before a run, {"run": the fields of `twin.robot.run.Run` and
-    `remarks`,
-    sentences about it} after it.
+    `remarks`, sentences about it} after it.
 
     Args:
         experiments: files or names.
@@ -55,8 +54,7 @@ def recorded_runs(
         factor, viewer: see `execute`.
         sure: whether very long runs, and runs that may fill the disk, are confirmed.
         start_from: run to continue, optionally with @ and the time (s) of its state; replaces experiments, and allows
-            no
-            other setting than duration_s.
+            no other setting than duration_s.
 
     Raises:
         InputRefused: an experiment has errors, or its size is not confirmed; no experiment has been run.

@@ -451,9 +451,8 @@ class Publisher:
     """Publisher of one run's newest rows to live viewers, in a thread that starts at once.
 
     The stepping thread only stores its newest row here; this thread fetches it periodically, independent of the run's
-    pace.
-    Encoding messages in the stepping thread would cost it much more time. The first row is always published, so that
-    waiting viewers see the beginning of a fast run.
+    pace. Encoding messages in the stepping thread would cost it much more time. The first row is always published, so
+    that waiting viewers see the beginning of a fast run.
 
     Args:
         topics: encoder of the run's messages.

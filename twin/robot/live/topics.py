@@ -94,10 +94,8 @@ class MessageEncoder:
     """Encoder of a row of all recorded signals as protobuf messages.
 
     The layout is the recording's: every number has a fixed place in its message (`recording/messages.py`). So all
-    messages
-    share one buffer, and a row is copied into it by three assignments, one per kind of number, independent of the
-    number of
-    topics and fields.
+    messages share one buffer, and a row is copied into it by three assignments, one per kind of number, independent of
+    the number of topics and fields.
     """
 
     def __init__(self, streams: Sequence[RowStream]):

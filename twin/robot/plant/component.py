@@ -186,8 +186,7 @@ def outputs_near(parameters, x, theta_m, s_B, v_s_B, apex, anchors, y):
     """Compute the plant's outputs from its state and motor angles; return False outside the workspace.
 
     The surface is at the triple `s_B` (m) and moves at `v_s_B` (m/s); `apex` and `anchors` as in `acceleration`.
-    Anchors
-    too far from this state are moved.
+    Anchors too far from this state are moved.
     """
     px, py, pz, vx, vy, vz = x[0], x[1], x[2], x[3], x[4], x[5]
     # copied one by one: copying a slice allocates memory, in case it overlaps, which an exported step must not do
@@ -329,8 +328,7 @@ def rest_state(parameters: PlantParameters, p_B: ArrayLike) -> tuple[np.ndarray,
     The net force on the platform is zero with velocities and bristle zero; a loaded spring is at the far side of its
     backlash, an unloaded one in the middle. Deflections follow from `joint_torque` at speed zero, where losses in the
     direction of the power flow (P1) vanish. Dry friction is unloaded, in the middle of its range. No spring may be
-    broken,
-    as no other part would carry its share.
+    broken, as no other part would carry its share.
 
     Raises:
         Unreachable: `p_B` is outside the workspace.

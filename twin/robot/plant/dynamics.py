@@ -178,10 +178,8 @@ class PlantParameters(
 
     Every number of [plant] and [contact] by its name there, but for `z_s`, the height, `K`, the stiffness, `mu`, the
     friction, and `sigma_0` and `sigma_1`, the bristle's stiffness and damping (see `contact_law.py` and `contact.py`),
-    and
-    the condition of each joint. Optional values default to a robot without the effect: `eta_rate` 0, the paper's
-    constant
-    efficiency, and hard stops at infinity.
+    and the condition of each joint. Optional values default to a robot without the effect: `eta_rate` 0, the paper's
+    constant efficiency, and hard stops at infinity.
     """
 
 

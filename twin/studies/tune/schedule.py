@@ -322,5 +322,5 @@ def _rows(point: DesignedPoint) -> Iterator[Row]:
 
 
 def _pair(*runs: WholeRun) -> str:
-    """Format overshoot and hold error of two runs."""
+    """Format overshoot and hold error of each run in a line of columns."""
     return " ".join(f"{whole.measure_text(HOLD_OVERSHOOT):>6} {whole.measure_text(HOLD_ERROR):>7}" for whole in runs)

@@ -29,7 +29,7 @@ FREQUENCY_RANGE = (0.02, 200.0)
 
 
 def goals_sentence(done: TuningResult) -> str:
-    """Summarise the goals: `M_s at most 1.6, steps overshoot at most 5 %, on 300 to 5000 N/m, with velocity_servo`."""
+    """Summarise tuning goals: `M_s at most 1.6, steps overshoot at most 5 %, on 300 to 5000 N/m, ...`."""
     goals = done.goals
     parts = [f"M_s at most {goals.sensitivity:g}", f"steps overshoot at most {100.0 * goals.overshoot:g} %"]
     if goals.bandwidth is not None:
