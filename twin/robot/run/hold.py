@@ -114,7 +114,7 @@ class RowLayout(Protocol):
 
     @property
     def tick(self) -> float:
-        """Time from row to row (s)."""
+        """Time from one signal row to the next (s)."""
 
     def has_output(self, end: str) -> bool:
         """Whether rows have a signal."""

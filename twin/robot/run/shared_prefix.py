@@ -182,7 +182,7 @@ def simulate_variants(
     watch: Callable[[System], Sequence[Observer]] = lambda system: (),
     slice_ticks: int = MAX_SLICE,
 ) -> list[tuple[SimulationResult, Trace]]:
-    """Run a system once per function of `ways`, each of which changes the system in its own way at tick `at`.
+    """Run a system several times, changed at tick `at` by a different function of `ways` each time.
 
     Args:
         make: assembles the system.

@@ -119,7 +119,7 @@ class Trace(Observer):
 
     @property
     def t(self) -> NDArray[np.float64]:
-        """Times of the kept rows (s), (n,)."""
+        """Times of the kept rows of the run (s), (n,)."""
         return np.arange(self._count, dtype=float) * (self._every * self.tick)
 
     @property

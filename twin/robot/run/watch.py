@@ -141,7 +141,9 @@ class Watch(Observer):
 
 
 class RunObservers(NamedTuple):
-    """The stateful observers of every run; a saved state holds them by name, with the recorder.
+    """The stateful observers of every run: changes by hand, events, outcome.
+
+    A saved state holds them by name, with the recorder.
 
     Attributes:
         tuning: changes by hand.

@@ -98,7 +98,7 @@ class CouplingStudy:
 
     @property
     def judged_signal(self) -> Signal:
-        """The signal by which couplings are judged: the force, or the position if the robot never presses."""
+        """The decisive signal of a coupling study: the force, or the position if the robot never presses."""
         return FORCE_SIGNAL if self.reference.is_pressing else POSITION_SIGNAL
 
 

@@ -222,7 +222,7 @@ def monolithic_rows(
 
 
 def within_limits(rows: dict[str, NDArray[np.float64]], drives: Servos) -> bool:
-    """Whether the servos of a run stayed within the limits in which their equations are valid.
+    """Whether the servos of a run stayed within the validity limits of their equations.
 
     Acceleration and torque are largest there: between two commands a servo only relaxes.
     """

@@ -96,7 +96,7 @@ class TrueRun:
         self.z_ref: Curve = run.held("controller.p_cmd_B" if self._tasks else "controller.p_ref_B")[:, 2]
 
     def measures(self, cost: float) -> tuple[Measure, ...]:
-        """Compute all measures by which drives are compared.
+        """Compute all measures for the comparison of drives.
 
         Args:
             cost: wall time in the drives per tick (s).
@@ -168,7 +168,7 @@ def _output_measure(name: str, value: float | None) -> Measure:
 
 @dataclass(frozen=True)
 class DriveTrial:
-    """Results of one drive in the experiment in which drives are compared.
+    """Results of one of the compared drives in the experiment.
 
     Attributes:
         name: name of the drive, as typed.

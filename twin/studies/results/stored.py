@@ -71,7 +71,7 @@ class StoredRun:
 
     @property
     def experiment(self) -> str:
-        """Name of the run's experiment: that of the parent folder, or the recorded one if the user chose the folder."""
+        """Name of the run's experiment: the parent folder's name, or the recorded name if the user chose the folder."""
         if not self.has_user_name:
             return self.folder.parent.name
         return self._recorded_name or self.folder.name
@@ -213,7 +213,7 @@ def _runs(home: Path) -> Iterator[StoredRun]:
 
 
 class CurrentExperiments:
-    """Cache of the current experiment files, with which stored runs are compared."""
+    """Cache of the current experiment files, for comparison with stored runs."""
 
     def __init__(self) -> None:
         self._facts: dict[tuple[str, ...], dict[str, str]] = {}

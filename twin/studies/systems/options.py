@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 
 class CouplingScheme(StrEnum):
-    """Order in which the components of a system of FMUs exchange values."""
+    """Order of the value exchange between the components of a system of FMUs."""
 
     GAUSS_SEIDEL = "gauss_seidel"
     JACOBI = "jacobi"
 
 
 class SystemForm(StrEnum):
-    """File format in which a system of FMUs is written."""
+    """File format of a written system of FMUs."""
 
     SSP = "ssp"
 

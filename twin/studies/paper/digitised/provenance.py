@@ -18,7 +18,7 @@ Points = tuple[tuple[float, float], tuple[float, float]]
 
 
 class Figure(Settings):
-    """Figure of the paper from which a curve was digitised."""
+    """The paper's figure behind a digitised curve."""
 
     number: str
     panel: str

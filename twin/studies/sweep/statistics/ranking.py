@@ -83,7 +83,7 @@ def round_metrics(numbers: Numbers) -> Numbers:
 
 
 def usual_metric(columns: Columns) -> str:
-    """Return the metric by which a sweep's runs are ranked by default.
+    """Return the default metric for ranking a sweep's runs.
 
     The hold error; the error since the first touch if no run held a force, or the rows are of an older twin; the
     lateral error if no force was controlled.
@@ -185,7 +185,7 @@ def equal_to_best(columns: Columns, metric: str) -> Positions:
 
 
 def at_edges(columns: Columns, labels: Sequence[str], row: int) -> list[str]:
-    """Return the parameters for which a run has the smallest or largest value of all tried ones."""
+    """Return the parameters whose value in a run is the smallest or largest of all tried values."""
     found = []
     for label in labels:
         tried = parameter(columns, label)
@@ -426,7 +426,7 @@ def _resample(points: int) -> Iterator[NDArray[np.int64]]:
 
 
 def _chances(table: Numbers) -> Numbers:
-    """Return the share of bootstrap samples in which each drive ranks first, (drives,); a tie is shared."""
+    """Return each drive's share of the bootstrap samples that it wins, (drives,); a tie is shared."""
     if table.shape[1] == 0:
         return np.full(len(table), np.nan)
     first = np.zeros(len(table))
