@@ -357,7 +357,7 @@ class Scene:
         )
 
     def begin_at(self, tick: int) -> None:
-        """Set the first tick of the recording, when static parts are drawn: 0, or the tick of a restored state."""
+        """Set the first tick of the drawings, at which static parts are drawn: 0, or the tick of a restored state."""
         self._begins_at = tick
 
     def drawings(self, first: int, rows: NDArray[np.float64]) -> Iterator[Drawing]:

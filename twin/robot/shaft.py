@@ -118,7 +118,7 @@ def make_shaft_step(monitored):
 
 
 class DriveFault(FaultComponent):
-    """Continuous component behind a faulty drive: the drive's shaft in, the joint's real shaft out.
+    """Continuous component behind a faulty drive: the drive's own shaft in, the joint's real shaft out.
 
     The step that begins at tick k is faulty for onset <= k < end. Afterwards the shaft follows the drive's motion again
     from its present angle: without a jump, with a permanent offset. The drive itself is unaffected.

@@ -249,7 +249,7 @@ def assemble(
     maker: DriveMaker = IN_PROCESS_MAKER,
     alive: Mapping[str, Component] = MappingProxyType({}),
 ) -> Assembly:
-    """Build and wire every component of `experiment`.
+    """Build and wire every component of the experiment's robot, and check that all parts fit.
 
     The robot starts at rest in static equilibrium at the first waypoint of its reference.
 

@@ -84,7 +84,7 @@ def shafts(plant: TrueRobot) -> tuple[Shaft, Shaft]:
 
 
 def surface_motions(contact: Contact) -> tuple[Motion, ...]:
-    """Return the surface's own motions; empty for a surface at rest."""
+    """Return the motions that the experiment gives the contact surface; empty for a surface at rest."""
     return tuple(table.motion for table in contact.motions)
 
 
@@ -107,7 +107,7 @@ def _fault_motion(fault: Fault, tick: float) -> Motion | None:
 
 
 class DriveMaker(Protocol):
-    """Interface of a factory for drive components.
+    """Interface of a factory that creates the components of drives.
 
     Attributes:
         one_process: whether all its drives run in this process.
@@ -318,7 +318,7 @@ def adaptive_options(experiment: Experiment) -> AdaptiveOptions | None:
 
 
 def tissue_sensing(computer: Computer, p_B: Triple) -> Sensing:
-    """Return the parameters of the tissue estimate for the believed robot near `p_B` (m)."""
+    """Return the parameters of the controller's tissue estimate for the believed robot near `p_B` (m)."""
     tissue, model = computer.tissue, computer.model
     assert tissue is not None
     geometry, masses = geometry_of(model), Masses(model.m_a, model.m_b, model.m_p, 0.0)
@@ -342,12 +342,12 @@ def tissue_sensing(computer: Computer, p_B: Triple) -> Sensing:
 
 
 def estimator(experiment: Experiment) -> Estimator:
-    """Build the estimator, which converts encoder counts to position and force."""
+    """Build the component that estimates position and force from encoder counts."""
     return Estimator(belief(experiment), experiment.controller.gravity_compensation, experiment.controller_ticks)
 
 
 def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -> Controller | TaskController:
-    """Build the force-position controller with the experiment's gains, led by waypoints or tasks.
+    """Build the component of twin's own controller with the experiment's gains, led by waypoints or tasks.
 
     In position mode the force loop never starts.
 

@@ -144,7 +144,7 @@ def estimator_step(m, t, h, u, y):
 
 
 class Estimator(NativeComponent):
-    """Sampled component: encoder counts in, position and force out.
+    """Sampled component of the paper's estimator: encoder counts in, position and force out.
 
     Args:
         belief: the controller's model of the robot.

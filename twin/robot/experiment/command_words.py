@@ -42,7 +42,7 @@ def run_words(
 
 
 def repeating_words(summary: Mapping[str, Any], name: str, words: Sequence[str]) -> list[str]:
-    """Return the arguments of `twin run` that repeat a stored run.
+    """Return the arguments of `twin run` that repeat a stored run, from its summary and recording.
 
     A recording names files without their folders; only the summary beside it has the paths as typed.
 

@@ -18,7 +18,7 @@ def known_experiments() -> dict[str, Path]:
 
 
 def experiment_file(experiment: str | Path) -> Path:
-    """Find the file of an experiment.
+    """Find the file of an experiment, given by path or name.
 
     Args:
         experiment: a path relative to the current folder or the repository; or a name: NAME.toml in the current folder,
@@ -61,7 +61,7 @@ def _experiment_file(path: Path, shelf: str) -> Path | None:
 
 
 def fill_from_body(source: Source, folder: Path) -> None:
-    """Complete [contact] of `source` from the body file that it names, values and origins, in place.
+    """Complete the [contact] table of an experiment in place from the body file that it names.
 
     Its own values stay. Without the key `body` nothing is done.
 

@@ -68,7 +68,7 @@ def experiment_json_schema(declared: DeclaredTables) -> Node:
 
 
 class _SchemaGenerator(GenerateJsonSchema):
-    """Schema generator without titles derived from keys: editors show the key itself."""
+    """Generator of JSON Schema that leaves out titles derived from keys, because editors show the key itself."""
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         return False

@@ -56,7 +56,7 @@ Table = Mapping[str, Any]
 
 
 def commented_experiment(declared: DeclaredTables, name: str, base: Path) -> str:
-    """Return a commented template: the experiment at `base` plus every other key, commented out.
+    """Return a commented template of an experiment: an existing one plus every other key, commented out.
 
     Values of `base` in tables other than [robot] are active; of [plant], only values that the robot's file lacks. All
     other lines begin with "#" and show the value of body or robot, the default, or an example.
@@ -231,7 +231,7 @@ def _line(key: str, value: Any, mark: str, source: str | None = None) -> str:
 
 
 def start_experiment(declared: DeclaredTables, file: Path, start: str) -> list[Path]:
-    """Write an experiment to `file` that is equivalent to the shipped experiment `start`.
+    """Write a new experiment file that is equivalent to a shipped experiment.
 
     Returns:
         The written files: `file`, and the JSON Schema beside it if missing.

@@ -56,7 +56,7 @@ class Parameters(Protocol):
         """Return all parameters that a viewer may see or change, by name."""
 
     def request(self, name: str, value: object, /) -> None:
-        """Request a new `value` of a parameter.
+        """Request a new value of a parameter of the run for a live viewer.
 
         Raises:
             InputRefused: the parameter is unknown, or its value is invalid.

@@ -155,7 +155,7 @@ def place(array: NDArray[np.float64], row: int) -> str:
 
 
 class Skeleton(NamedTuple):
-    """Joints of the three legs in the base frame, m; n poses.
+    """Positions of all joints of the three legs in the base frame, m; n poses.
 
     Attributes:
         B: base joints B_i, (3, 3).
@@ -240,7 +240,7 @@ def leg_motion(geometry, k_r, k_z, r, w, h, q, v_r, v_w, v_z):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def angle_near(anchors, leg, k_r, k_z):
-    """Joint angle in rad of the leg whose knee is at (k_r, k_z); fast if its anchor is near.
+    """Return the joint angle (rad) of the leg whose knee is at (k_r, k_z); fast if its reference angle is near.
 
     Args:
         anchors: an angle of each leg, and its cosine and sine divided by l_a, (3, 3); see :func:`move_anchor`.
@@ -255,7 +255,7 @@ def angle_near(anchors, leg, k_r, k_z):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def angles_near(anchors, k_r, k_z):
-    """Joint angles in rad of all three legs, as `compiled.lanes`; see :func:`angle_near`."""
+    """Return the joint angles (rad) of all three legs from their knees, as `compiled.lanes`."""
     a = anchors
     turned = _turn_sine(three(a[0, 1], a[1, 1], a[2, 1]), three(a[0, 2], a[1, 2], a[2, 2]), k_r, k_z)
     if abs(turned[0]) < MAX_SERIES_SINE and abs(turned[1]) < MAX_SERIES_SINE and abs(turned[2]) < MAX_SERIES_SINE:

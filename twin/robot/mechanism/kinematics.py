@@ -162,7 +162,7 @@ def leg_angle(geometry, leg, x, y, z):
 
 @njit(cache=True)
 def leg_angle_inward(geometry, leg, x, y, z):
-    """The other root of Eq. 10: theta_i in (0, 2 pi) rad with the knee inward; NaN out of reach.
+    """Return the joint angle theta_i in (0, 2 pi) rad of a leg with the knee inward (Eq. 10); NaN out of reach.
 
     The range leaves the angle continuous through pi, where the proximal link points straight inward.
     Arguments as :func:`leg_angle`.

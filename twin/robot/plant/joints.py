@@ -54,7 +54,7 @@ def arm_torque(parameters, up, leg, theta_l):
 
 @njit(cache=True, forceinline=True)
 def _clamp(value, limit):
-    """Limit `value` to +-`limit`; 0 for NaN, i.e. without an anchor."""
+    """Limit `value` to +-`limit`; 0 for NaN."""
     if value > limit:
         return limit
     if value < -limit:

@@ -21,7 +21,7 @@ from twin.robot.run.watch import run_observers
 
 
 class BranchPoint:
-    """The common start of a run's branches: one tick of the run.
+    """The tick of a run at which its branches begin, with the state there.
 
     Args:
         experiment: experiment of the run, unchanged.
@@ -104,7 +104,7 @@ class BranchPoint:
 
 
 class _TickStop(Observer):
-    """An observer that stops a simulation at the beginning of a tick."""
+    """Observer that stops a simulation at the beginning of a tick."""
 
     def __init__(self, tick: int):
         self.halts = [tick]

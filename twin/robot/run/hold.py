@@ -32,7 +32,7 @@ SIGNAL_SUBSTITUTES = {"controller.p_ref_B": ("reference.p_ref_B",), "monitor.rea
 
 
 class HoldRequest(NamedTuple):
-    """Force references and robot data of an experiment that its measures need.
+    """Force references and robot data of an experiment, as needed by the measures of a held force.
 
     Attributes:
         force_loop: whether the force is controlled.
@@ -83,7 +83,7 @@ class HoldRequest(NamedTuple):
 
 @dataclass(frozen=True)
 class HeldForces:
-    """The true pressing force of one task; None where it was never held.
+    """How a massage task's true pressing force was held: range, error, overshoot; None where it was never held.
 
     Attributes:
         task: task number, from 1.
@@ -209,7 +209,7 @@ class HoldSums:
 
     @property
     def felt_stiffness(self) -> float | None:
-        """Stiffness (N/m) along z that the springs give the platform at its mean position while held.
+        """Stiffness (N/m) along z that the springs give the platform at its mean position during holds.
 
         It is z of J^T k_s N^2 eta J, as tau_l = k_s N eta (theta_m - N theta_l) (Eq. 18 to 20), dtheta_l = J dp_B,
         F = J^T tau_l. None if nothing was held or the robot is unknown.

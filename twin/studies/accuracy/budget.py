@@ -139,7 +139,7 @@ class Uncertainty:
     reason: str = ""
 
     def apply_to(self, experiment: Experiment) -> Experiment:
-        """Return `experiment` with the error in the controller's model; the true robot is unchanged."""
+        """Return the experiment with the parameter error in the controller's model; the true robot is unchanged."""
         model = experiment.controller.model
         off: dict[str, object] = {}
         for name in self.names:
@@ -217,7 +217,7 @@ class Budget:
 
 @dataclass(frozen=True)
 class _Trace:
-    """True and estimated pressing force at the controller's ticks, (n,) N."""
+    """True and estimated pressing force of a run at the controller's ticks, (n,) N."""
 
     true: NDArray[np.float64]
     estimate: NDArray[np.float64]
@@ -228,7 +228,7 @@ class _Trace:
 
 
 def accuracy_budget(experiment: Experiment, say: Say = ignore_progress) -> Budget:
-    """Run `experiment` unchanged, without imperfections and with each alone, and return its accuracy budget.
+    """Run an experiment unchanged, without imperfections and with each alone; return its accuracy budget.
 
     `say` is called with the name of each run.
 
@@ -323,7 +323,7 @@ def _ablations(experiment: Experiment, exact: Experiment) -> Iterator[tuple[str,
 
 
 def _perfect(experiment: Experiment) -> Experiment:
-    """Return `experiment` without imperfections: exact encoders, no backlash, no `SMALL_EFFECTS`, a true model."""
+    """Return the experiment without imperfections: exact encoders, no backlash or small effects, a true model."""
     exact = with_exact_encoders(without_effects(with_plant(experiment, backlash=0.0)))
     return _with_dead_zone(with_model(exact, **{name: getattr(exact.plant, name) for name in BELIEVED_PARAMETERS}), 0.0)
 

@@ -210,7 +210,7 @@ def _hertz(omega: float | None) -> str:
 
 
 def _unbroken_note(head: str, text: str) -> Note:
-    """Return a note of `text` after `head` that breaks neither a number from its unit nor a bracketed group."""
+    """Return a note whose lines break neither a number from its unit nor a bracketed group."""
     tied = VALUE_PATTERN.sub(lambda found: found.group().replace(" ", NO_BREAK_SPACE), text)
     return Note(tied, head, max(2, len(head)), whole=True)
 

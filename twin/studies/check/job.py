@@ -46,7 +46,7 @@ class Deviation:
 
 
 def check(experiment: str | Path, drive: str | None = None, baselines: str | Path | None = None) -> list[Deviation]:
-    """Run an experiment and compare it with its stored baselines; writes nothing.
+    """Run an experiment and compare it with its stored regression baselines; writes nothing.
 
     Args:
         experiment: its file or name, see `experiment_file`.

@@ -108,7 +108,7 @@ class Signals:
 
     @property
     def t(self) -> NDArray[np.float64]:
-        """Times of the ticks (s), (n,)."""
+        """Times of the run's ticks (s), (n,)."""
         return self.run.t
 
     def __getitem__(self, signal: str) -> NDArray[np.float64]:

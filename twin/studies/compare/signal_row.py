@@ -119,7 +119,7 @@ def signal_row(
 
 
 def coverage(ours: LogSeries, theirs: LogSeries) -> float:
-    """Share of the time of `ours` that `theirs` covers, 0 .. 1; exactly 1 if it covers all.
+    """Return the share (0 .. 1) of one log signal's time that the other log's signal covers.
 
     A sampled signal begins up to a period after its source and ends up to a period before it, so a period of the
     coarser signal is tolerated at either end. Gaps of more than one lost sample count as holes, except where `ours` has

@@ -151,7 +151,10 @@ def off_line(run: TaskRun, on: Mask) -> response.Curve:
 
 
 def symmetry_reason(deviation: Measure) -> Callable[[TaskRun], str]:
-    """Return a function for `Claim.trivial`: its text applies if the deviation is 0 by the robot's own symmetry."""
+    """Return a function that explains why a run cannot support a claim of Fig. 5.
+
+    The explanation applies if the deviation is 0 by the robot's own symmetry.
+    """
     return lambda run: "0 by the robot's own symmetry" if deviation(run) < DEVIATION_ROUNDING else ""
 
 

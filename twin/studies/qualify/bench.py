@@ -262,7 +262,7 @@ class Inputs:
         return replace(self, t=self.t[count:], u=self.u[count:])
 
     def nudge(self) -> "Inputs":
-        """Return the inputs with a small change of each, alternating in sign."""
+        """Return the inputs with a small change of each value, alternating in sign."""
         signs = np.where(np.arange(self.u.shape[1]) % 2, 1.0, -1.0)
         return replace(self, u=self.u + NUDGE_SIZE * signs * np.maximum(np.abs(self.u), 1.0))
 

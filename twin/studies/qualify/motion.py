@@ -346,7 +346,7 @@ def _angle_difference(one: Response, other: Response) -> float:
 
 
 def frequency_response(plan: DrivePlan) -> tuple[Curve, Curve]:
-    """Measure the frequency response of a drive, with extra frequencies near the bandwidth.
+    """Measure the frequency response of a drive on the bench, with extra frequencies near the bandwidth.
 
     The effects of holding the command for a tick H and averaging the speed over one, sin(x)/x with x = pi f H each, are
     compensated.

@@ -99,7 +99,7 @@ def short_sweep(
     yes: bool,
     say: Say,
 ) -> Answer:
-    """Run the grid of `twin run --sweep`; the arguments are its options.
+    """Run the grid sweep that the option --sweep of `twin run` describes.
 
     Raises:
         InputRefused, StudyInterrupt, TwinError: see `sweep_run`.

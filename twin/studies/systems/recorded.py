@@ -218,7 +218,7 @@ def record_system(
     start_from: str | None = None,
     additions: Additions = Additions(),  # noqa: B008, it is frozen
 ) -> Result:
-    """Run a system of FMUs and record it.
+    """Run a system of third-party FMUs and record it.
 
     Notes: {"experiment": name, "folder": folder of the run, "duration" (s)} before the first step.
 
@@ -257,7 +257,7 @@ def write_system(
     compiled: bool = False,
     additions: Additions = Additions(),  # noqa: B008, likewise
 ) -> Result:
-    """Write a system as an SSP archive without running it; arguments as in `record_system`.
+    """Write a system of FMUs as an SSP archive without running it.
 
     Args:
         out: file to write; None for NAME.ssp in the current folder.

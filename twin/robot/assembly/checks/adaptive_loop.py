@@ -22,7 +22,7 @@ RUNGE_KUTTA_STEPS = 4
 
 
 class Loop(NamedTuple):
-    """Vertical motion of the robot on a tissue: one mass on its springs, with a first-order drive; SI.
+    """Model of the robot's vertical motion on a tissue: one mass on its springs, with a first-order drive; SI.
 
     Attributes:
         mass, spring, friction: moving mass (kg), stiffness in z (N/m), joint friction in z (N s/m).
@@ -112,7 +112,7 @@ def adaptive_errors(computer: Computer, plant: TrueRobot | None, start: Triple |
 
 
 def believed_loop(computer: Computer, plant: TrueRobot, start: Triple) -> Loop:
-    """Build the loop of the stability check: a robot at `start` (m) whose drive has the believed lag."""
+    """Build the model of vertical motion for the check of scheduled gains, as the controller believes the robot."""
     known, model = tissue_sensing(computer, start), computer.model
     squares = float(np.sum(jacobian(geometry_of(model), start)[:, 2] ** 2))
     forward, damping = computer.feed_forward, computer.damping

@@ -74,7 +74,7 @@ def _format_position(p_B: NDArray[np.float64]) -> str:
 
 
 def reach_error(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:
-    """Return the error of one unreachable pose of `p_B` (..., 3) in m; None if all are reachable."""
+    """Return the error for one unreachable platform pose among several; None if all are reachable."""
     try:
         joint_angles(geometry, p_B)
     except Unreachable as problem:
@@ -84,7 +84,7 @@ def reach_error(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:
 
 
 def reference_errors(reference: WayPoints, geometries: Iterable[Geometry], plant: TrueRobot | None = None) -> list[str]:
-    """Return the first error of a reference: out of reach of one of `geometries`, or obstructed for `plant`.
+    """Return an error message for the first pose of a reference that is out of reach or obstructed.
 
     Checked are the waypoints and the lines between them.
     """

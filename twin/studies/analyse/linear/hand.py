@@ -156,7 +156,7 @@ class FreePlant:
         return -self.force[:, :3]
 
     def with_load(self, held: HandLoad) -> control.StateSpace:
-        """Return the plant with the load `held` and, after its 6 states, three states of a constant force (N)."""
+        """Return the linear plant with a load in the hand, and with a constant force as three further states."""
         A, B = np.zeros((9, 9)), np.zeros((9, 3))
         inertia = np.linalg.inv(self.mass + held.mass)
         A[:3, 3:6] = np.eye(3)

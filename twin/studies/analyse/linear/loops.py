@@ -245,7 +245,7 @@ class Estimation(NamedTuple):
 
 
 def estimation(belief: Belief, gravity_compensation: bool, read: Matrix, standing: Matrix) -> Estimation:
-    """Linearise the estimator around the angles `read` (6,) from the encoders, theta_m then theta_l, rad.
+    """Linearise the controller's estimator around the encoder angles (6,): theta_m, then theta_l, rad.
 
     Args:
         standing: motor speeds (3,) that the law commands at rest, rad/s, to compensate the drives' droop.

@@ -292,7 +292,7 @@ def pareto_front(columns: Columns, one: str, other: str) -> Positions:
 
 @dataclass(frozen=True)
 class WorstRun:
-    """The worst run for one choice of the drive and all other parameters.
+    """The worst run of a sweep for one choice of the drive and all parameters but one.
 
     Attributes:
         row: row of the worst run.
@@ -526,7 +526,7 @@ def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Bands:
-    """Pointwise quantiles of curves: `bands["position.F_z"]` is (quantiles, n) at times `t` (s); m and N.
+    """Pointwise quantiles of a sweep's curves: `bands["position.F_z"]` is (quantiles, n) at times `t` (s); m and N.
 
     Quantiles over `runs` runs are taken at each time separately: no single run need follow one.
     """
