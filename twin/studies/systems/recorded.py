@@ -259,6 +259,8 @@ def write_system(
 ) -> Result:
     """Write a system of FMUs as an SSP archive without running it.
 
+    Other arguments are those of `record_system`.
+
     Args:
         out: file to write; None for NAME.ssp in the current folder.
 

@@ -79,6 +79,8 @@ HEIGHT_MARGIN = 0.1
 def visible_dots(x: Numbers, y: Numbers, most: int, cells: int = 150) -> Positions:
     """Return the positions of the dots to draw in a scatter plot, leaving out dots hidden beneath others.
 
+    In a crowd these are the last `most` of each cell, which are on top.
+
     Args:
         x, y: coordinates on the paper, in any unit.
         cells: number of cells along each axis; with 150 a cell is smaller than a dot.
