@@ -159,7 +159,7 @@ def object_files(steps: Sequence[EmittedStep]) -> dict[str, bytes]:
 
 
 def c_files(*names: str) -> dict[str, bytes]:
-    """Return some of the C files shared by all exported parts, as name -> content."""
+    """Return the named ones of the C files shared by all exported parts, as name -> content."""
     return {name: (C_FOLDER / name).read_bytes() for name in names}
 
 

@@ -356,10 +356,7 @@ def _first_number(*stated: object) -> float | None:
 
 
 def _output_ports(description: FmuDescription, results: Series | None) -> tuple[list[FmuPort], tuple[str, ...]]:
-    """Return FMU ports for the variables in the reference results, and the names that are not a single number.
-
-    Without such variables the ports are outputs, else a local variable, else any.
-    """
+    """Return FMU ports for the variables in the reference results, and the names that are not a single number."""
     numbers = {v.name: v for v in description.variables.values() if v.kind >= 0}
     asked = () if results is None else (*results.signals, *results.others)
     unknown = tuple(name for name in asked if name not in numbers or numbers[name].size > 1)
@@ -389,10 +386,7 @@ def _ports(letter: str, variables: list[Variable]) -> list[FmuPort]:
 
 
 def _sample_inputs(inputs: list[FmuPort], stimuli: Series | None, t: Curve) -> np.ndarray:
-    """Sample an FMU's inputs at the times `t`, (times, inputs).
-
-    Real numbers are interpolated linearly, whole numbers held.
-    """
+    """Sample an FMU's inputs at the times `t`, (times, inputs): real numbers linearly, whole numbers held."""
     if stimuli is None:
         return np.zeros((len(t), 0))
     columns = [

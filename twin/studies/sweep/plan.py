@@ -478,7 +478,7 @@ def plan_of(definition: SweepFile, experiment: Path, name: str, source: str, set
 
 
 def _settings(definition: SweepFile, point: DesignPoint) -> tuple[str, ...]:
-    """Return the settings ("key=value") of a sweep's point for loading its experiment.
+    """Return the settings ("key=value") that a point of a sweep's design makes for its experiment.
 
     JSON and TOML write numbers, texts and booleans alike.
     """
