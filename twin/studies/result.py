@@ -17,7 +17,7 @@ NO_BREAK_SPACE = "\xa0"
 
 
 def wrap_text(text: str, head: str = "", later: int | None = None, whole: bool = False) -> list[str]:
-    """Wrap a text behind a heading into lines of at most `TEXT_WIDTH` columns.
+    """Wrap `text` after `head` into lines of at most `TEXT_WIDTH` columns.
 
     Args:
         text: a single line.
@@ -174,12 +174,12 @@ class Result:
 
     @property
     def text(self) -> str:
-        """Result of the study as text of at most 80 columns."""
+        """Result of the study as text."""
         return render_text(self)
 
 
 def render_text(result: Result) -> str:
-    """Render a study's result as text, at most 80 columns wide except where a line cannot be folded."""
+    """Render `result` as text, at most 80 columns wide except where a line cannot be folded."""
     files = [f"  {kind:<{result.label}} {file}" if result.label else f"  {file}" for kind, file in result.files.items()]
     return lay_out([result.headline, *result.body, *files])
 

@@ -356,7 +356,7 @@ def _first_number(*stated: object) -> float | None:
 
 
 def _output_ports(description: FmuDescription, results: Series | None) -> tuple[list[FmuPort], tuple[str, ...]]:
-    """Return FMU ports for the variables in the reference results, and the names that are not a single number."""
+    """Return FMU ports for the reference results (else outputs, a local, any), and results without a single number."""
     numbers = {v.name: v for v in description.variables.values() if v.kind >= 0}
     asked = () if results is None else (*results.signals, *results.others)
     unknown = tuple(name for name in asked if name not in numbers or numbers[name].size > 1)
