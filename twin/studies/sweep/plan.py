@@ -478,10 +478,7 @@ def plan_of(definition: SweepFile, experiment: Path, name: str, source: str, set
 
 
 def _settings(definition: SweepFile, point: DesignPoint) -> tuple[str, ...]:
-    """Return the settings ("key=value") that a point of a sweep's design makes for its experiment.
-
-    JSON and TOML write numbers, texts and booleans alike.
-    """
+    """Return a design point's settings, "key=value"; JSON and TOML write numbers, texts and booleans alike."""
     return tuple(
         f"{name}={json.dumps(point.parameters[vary.label])}"
         for vary in definition.vary
@@ -494,10 +491,7 @@ Draft = tuple[DesignPoint, tuple[str, ...]]
 
 
 def _extremes(drafts: Sequence[Draft]) -> Iterable[Draft]:
-    """Select runs that represent all others when a sweep is planned.
-
-    Per drive these are the first run, the runs with the smallest and largest of each number, and one per other value.
-    """
+    """Select per drive the first run, the runs with the smallest and largest of each number, one per other value."""
     ends: dict[tuple[str | None, str, object], tuple[float, int]] = {}
     for number, (point, _) in enumerate(drafts):
         ends.setdefault((point.drive, "", None), (0.0, number))
@@ -585,10 +579,7 @@ class _RunFiles:
 
 
 def _without_paths(values: Any) -> Any:
-    """Return an experiment's values with FMU paths reduced to file names.
-
-    Locations have no effect, and contents are hashed.
-    """
+    """Return values with FMU paths reduced to file names; locations have no effect, and contents are hashed."""
     if isinstance(values, dict):
         return {
             k: Path(v).name if k in FILE_KEYS and isinstance(v, str) else _without_paths(v) for k, v in values.items()
