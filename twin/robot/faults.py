@@ -63,20 +63,23 @@ readers get."""
 
 
 class Span(NamedTuple):
-    """Ticks onset <= k < end in which a fault is active; for a continuous component, steps that begin at them."""
+    """Time span of a fault: active in the ticks onset <= k < end.
+
+    For a continuous component, in the steps that begin at these ticks.
+    """
 
     onset: int
     end: int
 
 
 def window(span: Span, period: int) -> tuple[int, int, int, int]:
-    """Return a `WINDOW_RECORD` before the first step of a component of `period` ticks."""
+    """Return the initial record of a fault's time window, for a component called every `period` ticks."""
     return 0, period, span.onset, span.end
 
 
 @njit(cache=True)
 def tick_now(window):
-    """Return the tick of the present step and advance the counter; call once per step."""
+    """Return the tick of the present step and advance a fault's tick counter; call once per step."""
     k = window.next
     window.next = k + window.period
     return k
@@ -84,7 +87,7 @@ def tick_now(window):
 
 @njit(cache=True)
 def is_active(window, k):
-    """Return whether the fault is active at tick `k`."""
+    """Whether a fault is active at tick `k`, by its time window."""
     return window.onset <= k and k < window.end
 
 
@@ -99,7 +102,7 @@ def command_step(m, t, h, u, y):
 
 
 class FaultComponent(NativeComponent):
-    """A fault between the wires of a healthy system.
+    """Base of components that break signals of a healthy system.
 
     Attributes:
         numbers: numbers of the [[fault]] table that the memory holds unrounded: attribute -> (field, factor).
@@ -108,21 +111,20 @@ class FaultComponent(NativeComponent):
     numbers: Mapping[str, tuple[str, float]] = {}
 
     def join_run(self, tick: int) -> None:
-        """Join a run at the beginning of `tick`, as if present but inactive from the start."""
+        """Let the fault join a run at `tick`, as if it had been present but inactive from the start."""
         clock = self.memory["window"]
         clock["next"] = -(-tick // clock["period"]) * clock["period"]
 
     def idle_outputs(self, given: np.ndarray) -> np.ndarray:
-        """Return the outputs of an inactive fault for the inputs `given`, and store what its next step needs of
-        them."""
+        """Return the outputs of the inactive fault for given inputs, and store the values its next step needs."""
         return np.append(given, 0.0)
 
 
 class CommandFault(FaultComponent):
-    """Sampled component, every tick: limits commanded speeds to +-limit while active.
+    """Sampled fault component: limits the commanded drive speeds to +-limit while active.
 
     Args:
-        span: ticks in which it is active.
+        span: active ticks.
         limit: limit of the drives' speed (rad/s).
         size: number of drives behind it.
     """
@@ -144,10 +146,10 @@ def power_step(m, t, h, u, y):
 
 
 class PowerFault(FaultComponent):
-    """Sampled component, every tick: passes power lines on, all without power while active.
+    """Sampled fault component: passes power signals on, and cuts all of them while active.
 
     Args:
-        span: ticks in which it is active.
+        span: active ticks.
         port: power line or lines.
     """
 
@@ -166,7 +168,7 @@ def gate_step(m, t, h, u, y):
 
 
 class PowerGate(NativeComponent):
-    """Sampled component, every tick, on the drives' side of a failing bus: without power the command is zero.
+    """Sampled component on the drives' side of a failing bus: sets the speed command to zero without power.
 
     Args:
         size: number of drives behind it.
@@ -192,12 +194,12 @@ def parameter_step(m, t, h, u, y):
 
 
 class ParameterFault(FaultComponent):
-    """Sampled component, first in every tick: writes the present value of a parameter.
+    """Sampled fault component, first in every tick: writes the present value of a parameter into memory.
 
     Before the onset and after the end it is the nominal value, to the last bit.
 
     Args:
-        span: ticks in which it is active.
+        span: active ticks.
         owner: component whose memory holds the parameter.
         parameter: name of the parameter there.
         cell: the parameter itself, a view (1,) of that memory.
@@ -234,7 +236,7 @@ _27, _30, _31, _11 = (np.uint64(n) for n in (27, 30, 31, 11))
 
 @njit(cache=True)
 def scramble(z):
-    """Return the SplitMix64 output function of a uint64."""
+    """Apply the SplitMix64 output function to a uint64 state."""
     z = (z ^ (z >> _30)) * _MIX_1
     z = (z ^ (z >> _27)) * _MIX_2
     return z ^ (z >> _31)
@@ -242,20 +244,23 @@ def scramble(z):
 
 @njit(cache=True)
 def next_uniform(memory):
-    """Advance the generator in `memory.random` (uint64) and return a number uniform in [0, 1)."""
+    """Advance the random generator in `memory.random` (uint64) and return a number uniform in [0, 1)."""
     memory.random += _GAMMA
     return (scramble(memory.random) >> _11) * _UNIT_STEP
 
 
 def first_state(seed: int, number: int) -> int:
-    """Return the initial generator state of fault `number`: faults with one `seed` draw different numbers."""
+    """Return the initial random generator state of a fault.
+
+    Faults with one `seed` draw different numbers.
+    """
     # modulo 2**64 is intended
     with np.errstate(over="ignore"):
         return int(scramble(np.uint64((seed + number * int(_GAMMA)) % 2**64)))
 
 
 class CountLaw(IntEnum):
-    """Law of a count fault; an experiment file has the names in lower case."""
+    """Law of a fault of encoder counts; an experiment file has the names in lower case."""
 
     BIAS = 0
     DRIFT = 1
@@ -295,13 +300,13 @@ LAW_FIELDS: dict[CountLaw, dict[str, str]] = {
 
 @njit(cache=True)
 def round_half_up(count):
-    """Return the nearest integer, half up, as the encoder rounds."""
+    """Round to the nearest integer, half up, as the encoder does."""
     return np.floor(count + 0.5)
 
 
 @njit(cache=True)
 def lost_count(m, count):
-    """Return the count that a reader gets while a random share of samples is lost."""
+    """Return the encoder count read while a random share of samples is lost: the held one, zero or NaN."""
     if next_uniform(m) >= m.share:
         m.held = count
         return count
@@ -312,7 +317,9 @@ def lost_count(m, count):
 
 @njit(cache=True)
 def spiked_count(m, count):
-    """Return `count` with spikes of one sample: never two in a row, and the stated share of all samples on average.
+    """Return an encoder count with random spikes of one sample each.
+
+    Two spikes never follow each other; on average the stated share of samples is hit.
 
     A spike follows a good sample with probability q, a spike never: the share of spikes is p = q (1 - p), so
     q = p / (1 - p).
@@ -324,7 +331,7 @@ def spiked_count(m, count):
 
 @njit(cache=True)
 def faulty_count(m, counts, k):
-    """Return the count of encoder `m.element` at tick `k`, computed from the clean `counts`."""
+    """Return the faulty count of an encoder at tick `k`, computed from the clean counts."""
     count = counts[m.element]
     if m.law == _BIAS_LAW:
         return count + round_half_up(m.counts)
@@ -362,12 +369,12 @@ def count_step(m, t, h, u, y):
 
 
 class CountFault(FaultComponent):
-    """Sampled component: passes three counts on, one of them (two if swapped) wrong while active.
+    """Sampled fault component: passes on three encoder counts, one of them (two if swapped) wrong while active.
 
     Counts stay whole numbers, but the port is of kind "double": a lost count may be NaN.
 
     Args:
-        span: ticks in which it is active.
+        span: active ticks.
         law: law of the fault.
         port: the encoder's port of counts (3).
         element: index of the count, 0 to 2.
@@ -405,14 +412,14 @@ _ticks_at = pointer_to(np.int64)
 
 @njit(cache=True)
 def copy_values(target, values):
-    """Write `values` into `target`; assigning a whole array would allocate memory."""
+    """Copy `values` into `target` element by element; assigning a whole array would allocate memory."""
     for j in range(len(values)):
         target[j] = values[j]
 
 
 @njit(cache=True)
 def arrival_tick(m, k):
-    """Return the arrival tick of a message sent at tick `k`."""
+    """Return the arrival tick of a message sent at tick `k`, with a random delay; never for a lost message."""
     if m.share > 0.0 and next_uniform(m) < m.share:
         return NEVER_TICK
     under_way = m.least
@@ -423,7 +430,7 @@ def arrival_tick(m, k):
 
 @njit(cache=True)
 def send_message(m, message, messages, arrivals, k):
-    """Store `message` of tick `k` with its arrival tick."""
+    """Store the message sent at tick `k` in a ring buffer, with its arrival tick."""
     m.sent += 1
     slot = m.sent % m.capacity
     copy_values(messages[slot], message)
@@ -433,7 +440,7 @@ def send_message(m, message, messages, arrivals, k):
 
 @njit(cache=True)
 def receive_message(m, present, messages, arrivals, k):
-    """Set `present` to the newest message that has arrived, in place."""
+    """Copy the newest message that has arrived by tick `k` into `present`."""
     for n in range(m.sent, max(0, m.sent - m.capacity), -1):
         if arrivals[n % m.capacity] <= k:
             copy_values(present, messages[n % m.capacity])
@@ -461,12 +468,12 @@ def message_step(m, t, h, u, y):
 
 
 class MessageFault(FaultComponent):
-    """Sampled component, every tick: passes the ports of a sender on, late or held while active.
+    """Sampled fault component: passes on a sender's ports, late or held while active.
 
     After the fault readers get the sender's present message at once; messages under way are dropped.
 
     Args:
-        span: ticks in which it is active.
+        span: active ticks.
         ports: ports of the sender that make one message.
         sender_period: period of the sender (ticks).
         least, most: range of the time under way (ticks).

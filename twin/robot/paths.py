@@ -16,12 +16,12 @@ inside the installed package."""
 
 
 def is_clone() -> bool:
-    """Whether `PROJECT_FOLDER` is a repository, with pyproject.toml and tests, and may be written to."""
+    """Whether twin runs from a clone of its repository, with pyproject.toml and tests, that may be written to."""
     return PROJECT_FOLDER != WHEEL_FOLDER
 
 
 def locate_file(name: str, start: Path) -> Path:
-    """Find the file `name` as seen from folder `start` and return its path.
+    """Find a file by name, searching from a folder upwards, and return its path.
 
     Absolute paths are returned as they are; others are searched in `start` and its parents, the current folder and
     `PROJECT_FOLDER`. A missing file is returned as a path in `start`, for the error message.
@@ -41,6 +41,6 @@ def locate_file(name: str, start: Path) -> Path:
 
 @functools.cache
 def package_sources(package: str) -> Mapping[str, bytes]:
-    """Read the Python files of `package`: content by relative path, sorted, cached at the first call."""
+    """Read the Python files of a package: content by relative path, sorted, cached at the first call."""
     found = {str(path.relative_to(package)): path.read_bytes() for path in Path(package).rglob("*.py")}
     return dict(sorted(found.items()))

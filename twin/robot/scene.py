@@ -95,14 +95,14 @@ PICTURE_RATE = 50.0
 
 @njit(cache=True)
 def axis_rotation(axis, angle):
-    """Quaternion of the right-handed turn by `angle` (rad) about the axis X, Y or Z."""
+    """Return the quaternion of the right-handed turn by `angle` (rad) about the axis X, Y or Z."""
     sin, cos = math.sin(0.5 * angle), math.cos(0.5 * angle)
     return (sin if axis == X else 0.0, sin if axis == Y else 0.0, sin if axis == Z else 0.0, cos)
 
 
 @njit(cache=True)
 def product(p, q):
-    """Quaternion of the turn `q` followed by `p`, both about fixed axes."""
+    """Return the quaternion of the turn `q` followed by the turn `p`, both about fixed axes."""
     p_x, p_y, p_z, p_w = p
     q_x, q_y, q_z, q_w = q
     return (
@@ -115,13 +115,16 @@ def product(p, q):
 
 @njit(cache=True)
 def lean_rotation(azimuth, lowered):
-    """Quaternion of the right-handed turn about y by `lowered`, then about z by `azimuth` (rad)."""
+    """Return the quaternion of the right-handed turn about y by `lowered`, then about z by `azimuth` (rad)."""
     return product(axis_rotation(Z, azimuth), axis_rotation(Y, lowered))
 
 
 @njit(cache=True)
 def direction_rotation(x, y, z):
-    """Quaternion that turns e_x to the direction of (x, y, z): about y, then about z; identity if that is zero."""
+    """Return the quaternion that turns e_x to the direction of (x, y, z), about y, then about z.
+
+    Identity if (x, y, z) is zero.
+    """
     # a positive turn about y lowers e_x
     return lean_rotation(math.atan2(y, x), math.atan2(-z, math.hypot(x, y)))
 
@@ -129,7 +132,7 @@ def direction_rotation(x, y, z):
 def poses(
     geometry: Geometry, theta_l: NDArray[np.float64], p_B: NDArray[np.float64], surface_B: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Compute position (m) and unit quaternion (x, y, z, w) of each of `SCENE_FRAMES` in B, (n, frames, POSE_SIZE).
+    """Compute position (m) and unit quaternion (x, y, z, w) of each part of the robot's drawing in frame B.
 
     Args:
         geometry: lengths of Fig. 2.
@@ -148,7 +151,7 @@ def poses(
 
 @njit(cache=True)
 def put_pose(to, at, x, y, z, q):
-    """Write position and quaternion into `to` from index `at` on and return the index after them."""
+    """Write a position and a quaternion into the array `to` from index `at` on; return the index after them."""
     to[at], to[at + 1], to[at + 2] = x, y, z
     to[at + 3], to[at + 4], to[at + 5], to[at + 6] = q
     return at + POSE_SIZE
@@ -176,7 +179,7 @@ def _put_poses(base_joints, ends, platform_joints, theta_l, p_B, surface_B, coun
 
 @njit(cache=True)
 def _rod_rotation(leg, x, y, z):
-    """Quaternion that turns e_x to the rod A_iP_i, (x, y, z), and leaves e_z in the plane of the link."""
+    """Return the quaternion that turns e_x to the direction of a rod and leaves e_z in the plane of its link."""
     outward = x * OUTWARD[leg, 0] + y * OUTWARD[leg, 1]
     sideways = x * AXIS[leg, 0] + y * AXIS[leg, 1]
     swing = axis_rotation(Z, math.atan2(sideways, math.hypot(outward, z)))
@@ -188,14 +191,14 @@ ALONG_X, ALONG_Y = axis_rotation(Y, 0.5 * math.pi), axis_rotation(X, 0.5 * math.
 
 
 def scene_update(geometry: Geometry, contact: Contact) -> SceneUpdate:
-    """Build the shapes of all parts of the robot and of the surface."""
+    """Build the 3D shapes of all parts of the robot and of the surface, as a Foxglove message."""
     links = [_link(name, geometry) for name in LINK_FRAMES]
     rods = [_entity(name, cylinders=[_bar(geometry.l_b, ROD_DIAMETER, SKY_BLUE)]) for name in ROD_FRAMES]
     return SceneUpdate(entities=[_base(geometry), *links, *rods, _platform(geometry), _surface(contact)])
 
 
 def second_robot(beside: str, drawn: SceneUpdate) -> SceneUpdate:
-    """Copy the moving parts of `drawn` as a translucent hull, into frames with the prefix `beside`."""
+    """Copy the robot's moving parts as a translucent hull, into frames whose names get the prefix `beside`."""
     found = SceneUpdate()
     for one in drawn.entities:
         if one.frame_id not in (BASE_FRAME, SURFACE_FRAME):
@@ -215,30 +218,30 @@ def pose(position: ArrayLike, q: Sequence[float] = IDENTITY_ROTATION) -> Pose:
 
 
 def _entity(frame: str, **primitives: Any) -> SceneEntity:
-    """Build an entity fixed in `frame` without expiry; its id is the frame's name."""
+    """Build a Foxglove entity fixed in a frame, without expiry; its id is the frame's name."""
     return SceneEntity(frame_id=frame, id=frame, frame_locked=True, **primitives)
 
 
 def _base(geometry: Geometry) -> SceneEntity:
-    """Build the base: a disc through the base joints, and a motor at each."""
+    """Build the drawing of the robot's base: a disc through the base joints, and a motor at each."""
     plate = _disc(geometry.a, 0.5 * PLATE_THICKNESS, GREY)
     return _entity(BASE_FRAME, cylinders=[plate, *_axles(geometry.a, MOTOR_DIAMETER, GREY)])
 
 
 def _link(name: str, geometry: Geometry) -> SceneEntity:
-    """Build a proximal link, with the axle at A_i that carries both rods."""
+    """Build the drawing of a proximal link, with the axle at A_i that carries both rods."""
     axle = _cylinder(AXLE_DIAMETER, 2.0 * HALF_WIDTH, BLUE, pose((geometry.l_a, 0.0, 0.0), ALONG_Y))
     return _entity(name, cylinders=[_bar(geometry.l_a, LINK_DIAMETER, BLUE), axle])
 
 
 def _platform(geometry: Geometry) -> SceneEntity:
-    """Build the platform: a disc on O_P, the contact point, and the three axles at P_i."""
+    """Build the drawing of the platform: a disc on O_P, the contact point, and the three axles at P_i."""
     plate = _disc(geometry.b, 0.5 * PLATE_THICKNESS, YELLOW)
     return _entity(PLATFORM_FRAME, cylinders=[plate, *_axles(geometry.b, AXLE_DIAMETER, YELLOW)])
 
 
 def _surface(contact: Contact) -> SceneEntity:
-    """Build the surface: a plate, or a sphere or cylinder below its apex."""
+    """Build the drawing of the surface: a plate, or a sphere or cylinder below its apex."""
     color = SURFACE_COLORS[contact.kind]
     if contact.radius is None:
         size = Vector3(x=SURFACE_EXTENT, y=SURFACE_EXTENT, z=PLATE_THICKNESS)
@@ -254,18 +257,18 @@ def _surface(contact: Contact) -> SceneEntity:
 
 
 def _axles(radius: float, diameter: float, color: Color) -> list[CylinderPrimitive]:
-    """Cylinders along the legs' joint axes, as wide as a parallelogram, `radius` (m) away from the frame's origin."""
+    """Build three cylinders along the legs' joint axes, `radius` (m) away from the frame's origin."""
     lying = [product(axis_rotation(Z, phi), ALONG_Y) for phi in PHI]
     return [_cylinder(diameter, 2.0 * HALF_WIDTH, color, pose(radius * OUTWARD[leg], lying[leg])) for leg in range(3)]
 
 
 def _bar(length: float, diameter: float, color: Color) -> CylinderPrimitive:
-    """A cylinder along x that starts at the frame's origin."""
+    """Build a cylinder along x that starts at the frame's origin."""
     return _cylinder(diameter, length, color, pose((0.5 * length, 0.0, 0.0), ALONG_X))
 
 
 def _disc(radius: float, height: float, color: Color) -> CylinderPrimitive:
-    """A flat cylinder centred on z at `height`."""
+    """Build a flat cylinder centred on the z axis at `height`."""
     return _cylinder(2.0 * radius, PLATE_THICKNESS, color, pose((0.0, 0.0, height)))
 
 
@@ -275,7 +278,7 @@ def _cylinder(diameter: float, length: float, color: Color, where: Pose) -> Cyli
 
 
 def force_example() -> SceneUpdate:
-    """Build the message of both arrows, with blanks in the order of `arrows`."""
+    """Build the message with the force arrows of truth and estimate, whose numbers are filled in row by row."""
     entities = []
     for arrow, (name, color) in enumerate(ARROW_COLORS.items()):
         x, y, z, *q, shaft, shaft_width, head, head_width = (
@@ -296,7 +299,7 @@ def force_example() -> SceneUpdate:
 def arrows(
     p_B: NDArray[np.float64], F_ee_B: NDArray[np.float64], estimate_B: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Compute the numbers for the blanks of `force_example`, (n, ARROWS_WIDTH).
+    """Compute the numbers of the force arrows' message for each row, (n, ARROWS_WIDTH).
 
     Args:
         p_B: true platform position in m, (n, 3).
@@ -324,7 +327,7 @@ def _put_arrows(p_B, F_ee_B, estimate_B, count, found):
 
 
 class Drawing(NamedTuple):
-    """Rows for one of the scene's forms: form name, tick of the first row, values (n, width)."""
+    """Rows of one of the scene's drawings: form name, tick of the first row, values (n, width)."""
 
     name: str
     first_tick: int
@@ -332,15 +335,14 @@ class Drawing(NamedTuple):
 
 
 class Scene:
-    """Draws the rows of a run.
+    """Converts the rows of a run to 3D drawings of the robot.
 
     Attributes:
         forms: message forms of the drawings: `scene`, `tf` and `force`.
     """
 
     def __init__(self, experiment: Experiment, system: System):
-        """Prepare to draw the run of `experiment` by `system`, with a plant, an estimator and possibly a moving
-        body."""
+        """Prepare to draw the run of an experiment by a system with a plant and an estimator."""
         self._period, self._begins_at = max(1, round(1.0 / (PICTURE_RATE * system.tick))), 0
         self._geometry = geometry_of(experiment.plant)
         self._surface = surface_pose(experiment.contact)
@@ -355,11 +357,11 @@ class Scene:
         )
 
     def begin_at(self, tick: int) -> None:
-        """Set the first tick of the recording, when static parts are drawn: 0, or the tick of a restored state."""
+        """Set the first tick of the drawings, at which static parts are drawn: 0, or the tick of a restored state."""
         self._begins_at = tick
 
     def drawings(self, first: int, rows: NDArray[np.float64]) -> Iterator[Drawing]:
-        """Yield the drawings due within `rows`, (n, outputs of the system), whose first row is tick `first`."""
+        """Yield the 3D drawings due within `rows`, (n, outputs of the system), whose first row is tick `first`."""
         if first == self._begins_at:
             yield Drawing("scene", first, np.empty((1, 0)))
         start = -first % self._period
@@ -375,13 +377,13 @@ class Scene:
 
 
 def surface_pose(contact: Contact) -> NDArray[np.float64]:
-    """Position and quaternion of the surface at rest in B, (7,): its apex, R_y(tilt) R_x(tilt_x) as in the plant."""
+    """Return position and quaternion of the surface at rest in B, (7,): its apex, R_y(tilt) R_x(tilt_x)."""
     q = product(axis_rotation(Y, contact.tilt), axis_rotation(X, contact.tilt_x))
     return np.concatenate([[0.0, 0.0, contact.height], q])
 
 
 def transforms_example(beside: str = "") -> FrameTransforms:
-    """Build a `foxglove.FrameTransforms` of all `SCENE_FRAMES`, with blanks in the order of `poses`.
+    """Build a Foxglove message with the frames of all drawn parts, whose numbers are filled in row by row.
 
     The names of the frames get the prefix `beside`.
     """

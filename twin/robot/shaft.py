@@ -40,7 +40,7 @@ UNPOWERED_OUTPUTS = SHAFT_OUTPUTS[:2]
 
 
 class DriveLaw(IntEnum):
-    """Motion of the shaft during the fault; names as in an experiment's file, in capitals."""
+    """Motion of a motor shaft whose drive is faulty; names as in an experiment's file, in capitals."""
 
     DRIVE_RUNAWAY = 0
     DRIVE_FREEWHEEL = 1
@@ -54,18 +54,17 @@ _RUNAWAY_LAW, _FREEWHEEL_LAW, _DEAD_LAW, _JAM_LAW, _FAILURE_LAW = (int(law) for 
 
 
 def shaft_inputs(monitored: bool) -> tuple[Port, ...]:
-    """Input ports of a faulty shaft, with or without a power signal."""
+    """Return the input ports of a faulty drive's shaft, with or without a power signal."""
     return (DRIVE_SHAFT, TAU_LOAD, POWER_PORT) if monitored else (DRIVE_SHAFT, TAU_LOAD)
 
 
 @njit(cache=True)
 def free_shaft(theta_m, omega_m, tau_load, h):
-    """Angle and speed (theta_m, omega_m) of a free shaft after `h` seconds.
+    """Return angle and speed (theta_m, omega_m) of a freely turning motor shaft after `h` seconds.
 
     J d omega_m/dt = -b omega_m - tau_load, with friction implicit and the angle moved by the new speed (symplectic
     Euler): `tau_load` is the spring's torque at the old angle, and this scheme keeps an oscillator of k_s on J stable
-    for
-    h < 2 sqrt(J/k_s), 20 ms here; the exact solution with the torque held would gain energy in every turn (Hairer,
+    for h < 2 sqrt(J/k_s), 20 ms here; the exact solution with the torque held would gain energy in every turn (Hairer,
     Lubich, Wanner, Geometric Numerical Integration, section I.1.2).
     """
     omega_m = (omega_m - h * tau_load / SHAFT_INERTIA) / (1.0 + h * SHAFT_FRICTION / SHAFT_INERTIA)
@@ -74,7 +73,10 @@ def free_shaft(theta_m, omega_m, tau_load, h):
 
 @njit(cache=True)
 def turn_shaft(m, drive, tau_load, power, h):
-    """Turn the shaft of `m` over a step with an active fault; `drive` is the new angle of the drive's own shaft."""
+    """Turn the motor shaft behind a faulty drive over a step of `h` seconds, by the law of the fault.
+
+    `drive` is the new angle of the drive's own shaft.
+    """
     before = m.theta_m
     if m.law == _FREEWHEEL_LAW:
         m.theta_m, m.omega_m = free_shaft(m.theta_m, m.omega_m, tau_load, h)
@@ -88,7 +90,7 @@ def turn_shaft(m, drive, tau_load, power, h):
 
 @cache
 def make_shaft_step(monitored):
-    """Compile the step of a faulty shaft, with or without a power signal."""
+    """Compile the step function of a faulty drive's shaft, with or without a power signal."""
 
     @step_function(SHAFT_MEMORY, shaft_inputs(monitored), SHAFT_OUTPUTS)
     def step(m, t, h, u, y):
@@ -116,11 +118,10 @@ def make_shaft_step(monitored):
 
 
 class DriveFault(FaultComponent):
-    """Continuous component behind a faulty drive: the drive's shaft in, the joint's real shaft out.
+    """Continuous component behind a faulty drive: the drive's own shaft in, the joint's real shaft out.
 
     The step that begins at tick k is faulty for onset <= k < end. Afterwards the shaft follows the drive's motion again
-    from
-    its present angle: without a jump, with a permanent offset. The drive itself is unaffected.
+    from its present angle: without a jump, with a permanent offset. The drive itself is unaffected.
 
     Args:
         name: component name.
@@ -190,11 +191,10 @@ UNPOWERED_MEMORY = record(
 
 @njit(cache=True)
 def braked_shaft(u, theta_m, omega_m, tau_load, hold, h):
-    """Angle and speed (theta_m, omega_m) after `h` seconds of a shaft without drive, with dry friction `hold` (N m).
+    """Return angle and speed (theta_m, omega_m) after `h` seconds of an unpowered shaft with dry friction.
 
     J d omega_m/dt = -b omega_m - tau_load - hold sign(omega_m): as `free_shaft`, with a friction that removes as much
-    speed
-    as it can in `h`, at most all of it (implicit; Moreau's time stepping for Coulomb friction).
+    speed as it can in `h`, at most all of it (implicit; Moreau's time stepping for Coulomb friction).
     """
     omega_m = (omega_m - h * tau_load / u.J) / (1.0 + h * u.b / u.J)
     most = h * hold / u.J
@@ -218,7 +218,9 @@ def unpowered_step(m, t, h, u, y):
 
 
 class UnpoweredShaft(NativeComponent):
-    """Continuous component behind a drive and its faults: passes the shaft on until the power is cut, permanently.
+    """Continuous component behind a drive and its faults: passes the shaft on until the power is cut.
+
+    The power stays cut.
 
     Args:
         name: component name.

@@ -28,7 +28,7 @@ PAST_DURATION = 1.0
 
 @dataclass(frozen=True)
 class Branch:
-    """One continuation of a run.
+    """One continuation of a run from a moment on, with its changes.
 
     Attributes:
         name: description of the change.
@@ -43,7 +43,7 @@ class Branch:
 
 @dataclass(frozen=True)
 class BranchOutcome:
-    """Outcome of a branch.
+    """Outcome of one continuation of a run.
 
     Attributes:
         run: run of the branch, from its start on.
@@ -59,7 +59,7 @@ class BranchOutcome:
 
     @property
     def json_values(self) -> dict[str, Any]:
-        """The outcome as a JSON-compatible dict in SI units."""
+        """Outcome of a continued run as a JSON-compatible dict in SI units."""
         outcome = self.run.outcome
         return {
             "branch": self.branch.name,
@@ -155,7 +155,7 @@ def branch(
 
 
 def _outcome(one: Branch, run: "Run", other: BranchOutcome | None) -> BranchOutcome:
-    """Evaluate the run of a branch against the first branch, `other`."""
+    """Evaluate the run of a branch against the first branch."""
     import numpy as np
 
     from twin.kernel.recording.reader import read
@@ -231,7 +231,7 @@ def _reported_path(path: Path) -> Path:
 
 
 def _draw(outcomes: Sequence[BranchOutcome], recording: Path, at: float, path: Path) -> None:
-    """Draw the true force of all branches to `path`, the shared past once."""
+    """Draw the true force of all branches of a run to `path`, with their shared past once."""
     from twin.kernel.recording.reader import read
     from twin.studies.figure import BLUE, GREEN, INK, ORANGE, PINK, SKY, VERMILION, picture
 

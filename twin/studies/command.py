@@ -35,7 +35,7 @@ ANSWER_JOB = "twin.studies.command:answer_study"
 
 @dataclass(frozen=True)
 class Option:
-    """An option of a command, named `--like-this` after its argument.
+    """An option of a study's command line, named `--like-this` after the function's argument.
 
     Attributes:
         help: help text, one sentence.
@@ -55,7 +55,7 @@ class Option:
 
 @dataclass(frozen=True)
 class Argument(Option):
-    """A positional argument of a command."""
+    """A positional argument of a study's command line."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Study:
         return function
 
     def shared_options(self) -> list[str]:
-        """Return the keys of `SHARED_OPTIONS` that this study has."""
+        """Return the names of the options common to many commands that this study has."""
         process = [*(["isolate"] if self.isolated else []), *(["limit_step", "limit_wall"] if self.limited else [])]
         page = ["report"] if self.reported else []
         return [*(["formats", "columns"] if self.draws else []), *(["as_json"] if self.json else []), *page, *process]
@@ -106,12 +106,12 @@ study = Study
 
 
 def options_of(record: type[Record], asked: ArgumentValues) -> Record:
-    """Return a `record` dataclass filled from the arguments in `asked`; missing fields keep their defaults."""
+    """Build a dataclass from command-line arguments; missing fields keep their defaults."""
     return record(**{one.name: asked[one.name] for one in fields(record) if one.name in asked})  # type: ignore[arg-type]
 
 
 def _with_own_options(function: Function) -> Function:
-    """Return `function` with each dataclass argument expanded into the fields of the dataclass."""
+    """Return a study's function with each dataclass argument replaced by the fields of the dataclass."""
     parameters = inspect.signature(function).parameters.values()
     records: dict[str, Any] = {
         one.name: one.annotation
@@ -139,7 +139,7 @@ def _with_own_options(function: Function) -> Function:
 
 
 class StudyInterrupt(TwinError):
-    """Interrupt of a study by Ctrl-C; the message lists the results kept."""
+    """Interrupt of a study by Ctrl-C; the message lists the results that were kept."""
 
     exit_code = INTERRUPT_EXIT_CODE
 
@@ -250,7 +250,7 @@ def run_isolated(
 
 
 def answer_recording(reporter: "Reporter", name: str, asked: ArgumentValues) -> dict[str, Any]:
-    """Run a study that records a run, and return the fields of its `Answer`; a job of the guard.
+    """Run a study that records a run, in a guarded process, and return the fields of its `Answer`.
 
     Notes, in addition to the study's own: {"experiment": name, "folder": folder of the run, "duration" (s)} before the
     run.
@@ -262,41 +262,41 @@ def answer_recording(reporter: "Reporter", name: str, asked: ArgumentValues) -> 
 
 
 def confirm(question: str) -> bool:
-    """Ask `question` on the terminal and return whether the user answers yes."""
+    """Ask a question on the terminal and return whether the user answers yes."""
     import click
 
     return click.confirm(question, err=True)
 
 
 class Say(Protocol):
-    """Progress callback: called with the current activity and the completed share, 0 .. 1 (None if unknown)."""
+    """Progress callback of a study: called with activity and completed share, 0 .. 1 (None if unknown)."""
 
     def __call__(self, what: str, share: float | None = None, /) -> None: ...
 
 
 def ignore_progress(what: str, share: float | None = None, /) -> None:
-    """Ignore a progress report."""
+    """Ignore a study's progress report."""
 
 
 class Steps:
-    """Progress counter for steps of about equal duration."""
+    """Progress counter of a study with steps of about equal duration."""
 
     def __init__(self, say: Say, total: int):
         self._say, self._total, self._begun = say, total, 0
 
     def next(self, what: str) -> None:
-        """Complete the current step and report that step `what` begins."""
+        """Complete the current step of a study and report the beginning of step `what`."""
         self._say(f"{what}, {self._begun + 1} of {self._total}", min(1.0, self._begun / self._total))
         self._begun += 1
 
     def share(self, what: str, done: float) -> None:
-        """Report that the share `done`, 0 .. 1, of the current step is complete."""
+        """Report that a share (0 .. 1) of the study's current step is complete."""
         self._say(what, min(1.0, (max(0, self._begun - 1) + done) / self._total))
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer of a study to its command.
+    """The answer of a study to its command: text, data for programs, exit code.
 
     Attributes:
         text: output for users, at most 80 columns wide.
@@ -312,7 +312,7 @@ class Answer:
 def write_verdict(
     name: str, folder: Path, result: Result, draw: Callable[[Path], None], notes: Sequence[str] = ()
 ) -> Result:
-    """Write the picture and the verdict of a comparison, and return `result` with `notes` and the files added."""
+    """Write picture and verdict of a comparison to `folder`; return the result with these files and `notes`."""
     files = {"picture": make_folder(folder) / f"{name}.png", "verdict": folder / f"{name}.json"}
     draw(files["picture"])
     write_json(files["verdict"], result.facts)
@@ -322,7 +322,7 @@ def write_verdict(
 def answer_study(
     reporter: "Reporter", study: str, asked: dict[str, Any], formats: Sequence[str] = (), columns: int = 2
 ) -> dict[str, Any]:
-    """Run a study and return the fields of its `Answer`; a job of the guard.
+    """Run a study in a guarded process and return the fields of its `Answer`.
 
     Notes: {"say": current activity, "share": completed share or None}.
 
@@ -348,5 +348,5 @@ def answer_study(
 
 
 def answer_of(found: Result | Answer) -> Answer:
-    """Return `found` as an `Answer`: a `Result` is rendered to text and JSON."""
+    """Convert a study's return value to an `Answer`; a `Result` is rendered to text and JSON."""
     return found if isinstance(found, Answer) else Answer(render_text(found), to_json(found), found.exit_code)

@@ -58,7 +58,7 @@ OF_PROCESS = ("backend", "interactive", "toolbar", "timezone", "date.epoch")
 
 @dataclass
 class Paper:
-    """Request for copies of pictures for a paper, in addition to those for the screen.
+    """Request to save copies of all pictures for a paper, in addition to those for the screen.
 
     Attributes:
         formats: "svg", "pdf".
@@ -76,7 +76,7 @@ _paper: ContextVar[Paper | None] = ContextVar("paper", default=None)
 
 @contextmanager
 def for_paper(formats: Sequence[str], columns: int = 2) -> Iterator[Paper]:
-    """Write every picture drawn in the block also in `formats`, for so many `columns` of a paper."""
+    """Save every picture drawn in the block also for a paper, in `formats` and as wide as so many `columns`."""
     paper = Paper(formats, columns)
     before = _paper.set(paper)
     try:
@@ -86,7 +86,7 @@ def for_paper(formats: Sequence[str], columns: int = 2) -> Iterator[Paper]:
 
 
 def write_for_paper(figure: "Figure", path: Path) -> None:
-    """Write `figure` next to `path` in the formats of `for_paper`, if any; this resizes the figure.
+    """Save a figure for a paper next to `path`, if requested; this resizes the figure.
 
     Raises:
         NotWritten: the disk refuses.
@@ -108,7 +108,7 @@ def write_for_paper(figure: "Figure", path: Path) -> None:
 
 
 def _resize_for_paper(figure: "Figure", columns: int) -> None:
-    """Resize a figure for the screen to the width, font size and line weights of a paper."""
+    """Resize a screen figure to the width, font size and line weights of a paper."""
     from matplotlib.lines import Line2D
     from matplotlib.text import Text
 
@@ -134,7 +134,10 @@ def _resize_for_paper(figure: "Figure", columns: int) -> None:
 
 
 def _stack(figure: "Figure") -> int:
-    """Stack panels that are next to each other; return their number, or 0 if the layout does not allow it."""
+    """Move a figure's side-by-side panels below each other, for narrow paper columns.
+
+    Returned is their number, or 0 if the layout does not allow it.
+    """
     panels = [axes for axes in figure.axes if axes.get_visible() and axes.get_subplotspec()]
     places = [axes.get_subplotspec() for axes in panels]
     whole = {place.get_gridspec() for place in places if place}

@@ -19,14 +19,14 @@ COMPRESSION_LEVEL = 6
 
 
 def text_of(values: Curve) -> str:
-    """Encode `values` (n,) as text; equal values give equal text."""
+    """Encode numbers (n,) as compact text with 32 bit accuracy; equal values give equal text."""
     steps = np.diff(values.astype("<f4").view("<u4"), prepend=np.uint32(0))
     planes = np.ascontiguousarray(steps.view(np.uint8).reshape(-1, 4).T)
     return base64.b64encode(zlib.compress(planes.tobytes(), COMPRESSION_LEVEL)).decode("ascii")
 
 
 def values_of(text: str) -> Curve:
-    """Decode the values (n,) that `text_of` encoded.
+    """Decode the numbers (n,) in a compact text that `text_of` made.
 
     Raises:
         ValueError: the text was not made by `text_of`.

@@ -17,7 +17,7 @@ Reader = Callable[[Any], Samples | None]
 
 
 class PanelCurve(NamedTuple):
-    """One curve of a panel, in every run that has it.
+    """One curve of a plot, in every run that has its signal.
 
     Attributes:
         role: meaning of the curve; decides colour and line style.
@@ -36,7 +36,7 @@ class PanelCurve(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """One plot, with all values in `unit`."""
+    """One plot with its curves, title and unit."""
 
     title: str
     unit: str
@@ -44,7 +44,7 @@ class Panel(NamedTuple):
 
 
 def draw_panel(axes: "Axes", panel: Panel, run: Any, looks: Mapping[str, Mapping[str, Any]]) -> None:
-    """Draw the curves of a panel that `looks` has a style for; series that the run lacks are left out.
+    """Draw the curves of one plot for a run with matplotlib; curves without a style or data are left out.
 
     Args:
         run: argument of the panel's readers.

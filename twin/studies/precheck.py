@@ -16,7 +16,7 @@ from twin.studies.command import ArgumentValues
 
 
 def load_experiments(asked: ArgumentValues) -> None:
-    """Check that each experiment can be loaded with each drive, the settings and the body; see `load_experiment`.
+    """Check that each experiment on the command line loads with each drive, the settings and the body.
 
     Raises:
         InputRefused: an experiment cannot be loaded.
@@ -30,7 +30,7 @@ def load_experiments(asked: ArgumentValues) -> None:
 
 
 def find_experiments(asked: ArgumentValues) -> None:
-    """Check that the files of experiments and of those they extend exist and are TOML; the study checks the contents.
+    """Check that the experiment files on the command line, and the files they extend, exist and are TOML.
 
     Raises:
         InputRefused: a file is missing or not TOML.
@@ -43,7 +43,7 @@ def find_experiments(asked: ArgumentValues) -> None:
 
 
 def find_logs(asked: ArgumentValues) -> None:
-    """Check that the path of each log exists: recordings, bags, third-party files.
+    """Check that each log on the command line exists: recordings, bags, third-party files.
 
     Raises:
         InputRefused: a path is missing.
@@ -98,6 +98,6 @@ def _logs(asked: ArgumentValues) -> Sequence[Path]:
 
 
 def _argument_values(asked: ArgumentValues, name: str) -> Sequence:
-    """Values of the argument `name`, or of its plural."""
+    """Return the values of a command-line argument that is given singly or as a list."""
     one = asked.get(name)
     return asked.get(f"{name}s") or () if one is None else [one]

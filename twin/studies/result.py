@@ -45,12 +45,12 @@ def wrap_text(text: str, head: str = "", later: int | None = None, whole: bool =
 
 
 def labelled_lines(label: str, text: str, whole: bool = False) -> list[str]:
-    """Wrap `text` after its label, in the layout that ends all reports: `  note       ...`."""
+    """Wrap a text behind its label, in the layout of notes at the end of reports: `  note       ...`."""
     return wrap_text(text, f"  {label:<10} ", whole=whole)
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Format a Markdown table."""
+    """Format column titles and rows as a Markdown table."""
     lines = [f"| {' | '.join(cells)} |" for cells in (head, *rows)]
     return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])
 
@@ -76,7 +76,7 @@ Cell = str | float | None
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table.
+    """A column of a result's table: title, width, number format.
 
     Attributes:
         name: title.
@@ -97,7 +97,7 @@ class Column:
     folds: bool = False
 
     def text(self, value: Cell) -> str:
-        """Format a cell of this column."""
+        """Format a cell of the table column."""
         if value is None or isinstance(value, str):
             return format(value or "", self.form if self.form.endswith("s") else "")
         if isnan(value):
@@ -108,7 +108,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Note:
-    """A sentence that is folded into lines.
+    """A sentence of a report that is wrapped into lines.
 
     Attributes:
         text: a single line; a no-break space is shown as a space.
@@ -129,7 +129,7 @@ Row = Sequence[Cell] | Note | str
 
 @dataclass(frozen=True)
 class Table:
-    """A table of text.
+    """A table of a report, for text, JSON and HTML.
 
     Attributes:
         columns: columns from left to right.
@@ -147,7 +147,7 @@ class Table:
 
     @property
     def cells(self) -> list[list[str]]:
-        """Formatted cells of every row that is not a line across, one per column."""
+        """Formatted cells of every table row except lines across, one text per column."""
         return [
             [column.text(value) for column, value in zip_longest(self.columns, row)]
             for row in self.rows
@@ -160,13 +160,13 @@ Block = Table | Note | str
 
 
 def note(label: str, text: str, whole: bool = False) -> Note:
-    """Return a note after its label: `  note       ...`."""
+    """Return a sentence of a report behind its label: `  note       ...`."""
     return Note(text, f"  {label:<10} ", whole=whole)
 
 
 @dataclass(frozen=True)
 class Result:
-    """The result of a study.
+    """The result of a study: headline, tables, notes, data for programs, files.
 
     Attributes:
         headline: main answer.
@@ -186,7 +186,7 @@ class Result:
 
     @property
     def text(self) -> str:
-        """Text of the result, see `render_text`."""
+        """Result of the study as text."""
         return render_text(self)
 
 
@@ -197,7 +197,7 @@ def render_text(result: Result) -> str:
 
 
 def lay_out(blocks: Sequence[Block]) -> str:
-    """Render `blocks` as text, one below the other."""
+    """Render tables and notes as text, one below the other."""
     return "\n".join(line.rstrip() for block in blocks for line in _lines(block))
 
 
@@ -240,7 +240,7 @@ def _table(table: Table) -> Iterator[str]:
 
 
 def to_json(result: Result) -> Any:
-    """Return `result` for JSON: its facts, or else headline, tables and notes with unformatted numbers."""
+    """Convert a study's result for JSON: its facts, else headline, tables and notes with unformatted numbers."""
     if result.facts is not None:
         return result.facts
     parts = [result.headline, *result.body]
@@ -261,7 +261,7 @@ def to_json(result: Result) -> Any:
 
 
 def _plain(part: Block) -> list[str]:
-    """Return the text of a note or line, with its label in front; empty for a table or an empty line."""
+    """Return a note's or line's text as a list, with its label in front; empty for a table or an empty line."""
     match part:
         case Note():
             return [f"{label}: {part.text}" if (label := part.head.strip()) else part.text]

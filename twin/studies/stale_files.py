@@ -19,7 +19,7 @@ MIN_AGE = 60.0
 
 
 def remove_stale_folders() -> None:
-    """Remove the folders of killed studies of this user."""
+    """Remove the temporary folders that killed studies of this user have left behind."""
     for folder in Path(tempfile.gettempdir()).glob(f"{FOLDER_PREFIX}*"):
         # another command may remove it at the same time
         with suppress(OSError):
@@ -41,7 +41,10 @@ def _is_held(folder: Path) -> bool:
 
 @contextmanager
 def held_folder() -> Iterator[Path]:
-    """Yield a temporary folder, held until the end of the block and then removed."""
+    """Yield a temporary folder for a study, which is removed at the end of the block.
+
+    While it is used, other studies recognise it as such.
+    """
     with tempfile.TemporaryDirectory(prefix=FOLDER_PREFIX, ignore_cleanup_errors=True) as folder:
         pipe = Path(folder) / "held"
         os.mkfifo(pipe)

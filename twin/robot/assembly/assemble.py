@@ -60,7 +60,7 @@ IN_PROCESS_MAKER = InProcessDrives()
 
 
 class ComponentRow(NamedTuple):
-    """A row of the robot's component table.
+    """One row of the table of the robot's components, with their constructors and the sources of their inputs.
 
     Attributes:
         name: name of the row, and of its component if there is only one.
@@ -74,7 +74,7 @@ class ComponentRow(NamedTuple):
 
 
 def _row(name: str, parts: Parts, **inputs: str | tuple[str, ...]) -> ComponentRow:
-    """Build a row from its sources, each written as "row.port"."""
+    """Build a row of the robot's component table from its input sources, each written as "row.port"."""
     named = {port: (source,) if isinstance(source, str) else source for port, source in inputs.items()}
     return ComponentRow(name, parts, {port: tuple(map(_parse_row_port, sources)) for port, sources in named.items()})
 
@@ -131,7 +131,7 @@ COMPONENT_ROWS = (
 
 
 def connect_components(made: Mapping[str, list[Component]]) -> Feeds:
-    """Wire the components of `made`, by row: return the source of each input.
+    """Wire the robot's components, given by table row, and return the source of each input.
 
     Raises:
         InputRefused: a component lacks a port that another one needs, or its size differs.
@@ -147,13 +147,19 @@ def connect_components(made: Mapping[str, list[Component]]) -> Feeds:
 
 
 def _available_sources(sources: Sequence[RowPort], made: Mapping[str, list[Component]]) -> list[RowPort]:
-    """Return the sources of an input in this robot; for power, the drive's own line or the common one."""
+    """Return the candidate sources of an input whose components exist in this robot.
+
+    For power, a drive's own line is preferred to the common one.
+    """
     there = [source for source in sources if made[source[0]]]
     return [source for source in there if ends(made[source[0]], "output", source[1])] or there
 
 
 def _output_values(source: RowPort, made: Mapping[str, list[Component]], targets: list[End]) -> list[End]:
-    """Return one value of the output `source` for each of `targets`."""
+    """Return the element of an output port that feeds each target input.
+
+    A single value feeds all targets; else there must be as many values as targets.
+    """
     name, port = source
     values = ends(made[name], "output", port)
     first = targets[0]
@@ -172,7 +178,7 @@ def _output_values(source: RowPort, made: Mapping[str, list[Component]], targets
 
 
 class TunableParameter(NamedTuple):
-    """A parameter that can be changed between two ticks.
+    """A parameter of the experiment that can be changed between two ticks, with its place in memory.
 
     Attributes:
         number: value in the experiment's file, in the unit of its key.
@@ -184,7 +190,7 @@ class TunableParameter(NamedTuple):
 
 
 def tunable_parameters(experiment: Experiment, system: System) -> dict[str, TunableParameter]:
-    """Return the tunable parameters of `system`, assembled from `experiment`, by key in the experiment's file.
+    """Return the parameters that can be changed during a run of an assembled system, by their experiment keys.
 
     Parameters of a third-party controller are left out, as their memory is unknown.
     """
@@ -197,7 +203,7 @@ def tunable_parameters(experiment: Experiment, system: System) -> dict[str, Tuna
 
 
 def scheduled_changes(experiment: Experiment, system: System) -> tuple[MemoryChange, ...]:
-    """Return the experiment's scheduled parameter changes as memory writes in `system`, which was assembled from it."""
+    """Convert the experiment's scheduled parameter changes to memory writes in the assembled system."""
     found = tunable_parameters(experiment, system)
     return tuple(MemoryChange(c.tick, found[c.key].memory, c.value) for c in experiment.changes if c.key in found)
 
@@ -207,7 +213,7 @@ HOOKS.before_compiling.append(compile_in_background)
 
 @dataclass
 class Assembly:
-    """A system that owns its FMU instances; a context manager that frees them.
+    """The assembled robot: a system that owns its FMU instances. A context manager that frees them.
 
     Attributes:
         system: system, ready to be simulated.
@@ -243,7 +249,7 @@ def assemble(
     maker: DriveMaker = IN_PROCESS_MAKER,
     alive: Mapping[str, Component] = MappingProxyType({}),
 ) -> Assembly:
-    """Build and wire every component of `experiment`.
+    """Build and wire every component of the experiment's robot, and check that all parts fit.
 
     The robot starts at rest in static equilibrium at the first waypoint of its reference.
 
@@ -293,7 +299,7 @@ def assemble(
 
 
 def assemble_system(experiment: Experiment, made: Mapping[str, list[Component]]) -> System:
-    """Build the system of the components `made`, by row, with the faults and scheduled changes of `experiment`.
+    """Build the system from existing components, given by table row, with the experiment's faults and changes.
 
     Raises:
         InputRefused: components or a fault do not fit.
@@ -309,7 +315,7 @@ def assemble_system(experiment: Experiment, made: Mapping[str, list[Component]])
 def inject_faults(
     experiment: Experiment, components: Sequence[Component], feeds: Feeds
 ) -> tuple[list[Component], Feeds]:
-    """Insert the faults of `experiment` into components and feeds, see `inject`."""
+    """Insert the experiment's faults into components and wiring, and return the changed components and wiring."""
     return inject(
         components,
         feeds,
@@ -321,14 +327,17 @@ def inject_faults(
 
 
 def _end_feeds(feeds: Feeds, components: Sequence[Component]) -> Feeds:
-    """Return the feeds of inputs that a component reads at both ends of a step, for the end."""
+    """Return the wiring of the end-of-step inputs of components that read an input at both ends of a step."""
     asked = {(component.name, port.name) for component in components for port in component.inputs}
     both = {End(t.component, t.port + END_SUFFIX, t.element): source for t, source in feeds.items()}
     return {target: source for target, source in both.items() if (target.component, target.port) in asked}
 
 
 def _row_makers(build: Build) -> dict[str, Makers]:
-    """Return the constructors of the components of each row; a third-party part replaces its whole row."""
+    """Return the component constructors of each row of the component table.
+
+    A third-party part replaces all components of its row.
+    """
     experiment = build.experiment
     periods = {"monitor": experiment.monitor_ticks, "scale": experiment.scale_ticks, "body": 1}
     return {
@@ -347,7 +356,7 @@ def _row_makers(build: Build) -> dict[str, Makers]:
 
 
 def _substitute_label(component: Any) -> str:
-    """Describe a substitute: the class of a user's model, or the label and class of a component."""
+    """Describe a component that replaces one of twin's own: the class of a user's model, or label and class."""
     own = component.__name__ if isinstance(component, type) else type(component).__name__
     if not isinstance(component, Component):
         return own

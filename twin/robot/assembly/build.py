@@ -70,12 +70,12 @@ POWER_LINES = ("power", "drive_power")
 
 
 def plant_parameters(plant: TrueRobot, contact: Contact) -> PlantParameters:
-    """Return the true parameters of plant and contact, SI."""
+    """Convert the experiment's tables of plant and contact to the true plant parameters in SI."""
     return PlantParameters.from_tables(plant, contact)
 
 
 def shafts(plant: TrueRobot) -> tuple[Shaft, Shaft]:
-    """Return the encoders of motors and joints."""
+    """Return the properties of the motor encoders and of the joint encoders."""
     p = plant
     return (
         Shaft(p.motor_counts_per_turn, p.motor_zero, p.motor_noise, p.motor_eccentricity, p.motor_eccentric_at),
@@ -84,12 +84,12 @@ def shafts(plant: TrueRobot) -> tuple[Shaft, Shaft]:
 
 
 def surface_motions(contact: Contact) -> tuple[Motion, ...]:
-    """Return the surface's own motions; empty for a surface at rest."""
+    """Return the motions that the experiment gives the contact surface; empty for a surface at rest."""
     return tuple(table.motion for table in contact.motions)
 
 
 def fault_motions(faults: Sequence[Fault], tick: float) -> tuple[Motion, ...]:
-    """Return the motions of the surface caused by `faults` of the body; `tick` in s."""
+    """Return the surface motions caused by faults of the body; the tick is in s."""
     return tuple(motion for fault in faults if (motion := _fault_motion(fault, tick)) is not None)
 
 
@@ -107,7 +107,7 @@ def _fault_motion(fault: Fault, tick: float) -> Motion | None:
 
 
 class DriveMaker(Protocol):
-    """Interface of a factory for drive components.
+    """Interface of a factory that creates the components of drives.
 
     Attributes:
         one_process: whether all its drives run in this process.
@@ -116,11 +116,11 @@ class DriveMaker(Protocol):
     one_process: bool
 
     def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
-        """Create a drive's component, as `twin.robot.assembly.drives.drive` does."""
+        """Create the component of a drive, in this process or in another one."""
 
 
 class InProcessDrives:
-    """Factory for drives in this process."""
+    """Factory that creates drive components in this process."""
 
     one_process = True
     drive = staticmethod(drive)
@@ -170,12 +170,12 @@ def planned_drives(experiment: Experiment) -> tuple[DrivePlan, ...]:
 
 
 def drives_all_joints(plan: DrivePlan) -> bool:
-    """Whether one instance of the drive moves all joints."""
+    """Whether one instance of the drive moves all three joints."""
     return plan.axes == JOINTS
 
 
 def joint_drives(build: Build) -> Makers:
-    """Constructors of `drive`, or of `drive_1` to `drive_3`."""
+    """Return the constructors of the drives: one for all joints, or one per joint."""
     tick, theta_m, tau_load = build.experiment.cosim.tick, build.theta_m, build.plant.initial("tau_load")
     if drives_all_joints(build.plans[0]):
         return {"drive": partial(build.maker.drive, "drive", build.plans[0], tick, theta_m, tau_load)}
@@ -187,13 +187,15 @@ def joint_drives(build: Build) -> Makers:
 
 
 def have_power_lines(experiment: Experiment) -> bool:
-    """Whether twin's own monitor has a power line per drive, as drives specify their behaviour without power."""
+    """Whether twin's own monitor has one power line per drive, as drives specify their unpowered behaviour."""
     stated = any(drive.unpowered is not None for drive in experiment.drives)
     return stated and experiment.monitor is not None and "monitor" not in experiment.stand_ins
 
 
 def unpowered_shafts(build: Build) -> Makers:
-    """Constructors of `shaft_1` to `shaft_3`, if drives specify their behaviour without power and a monitor may cut it.
+    """Return the constructors of the three motor shafts whose power the safety monitor may cut.
+
+    Empty unless the drives specify their behaviour without power and twin's own monitor is used.
 
     Raises:
         InputRefused: only some drives specify it.
@@ -212,7 +214,7 @@ def unpowered_shafts(build: Build) -> Makers:
 
 
 def need_processes(plans: tuple[DrivePlan, ...]) -> bool:
-    """Whether the joints' drives need several processes, because some FMUs allow one instance per process.
+    """Whether the drives need several processes because an FMU allows only one instance per process.
 
     Raises:
         InputRefused: two parts of one drive are the same such FMU.
@@ -229,7 +231,7 @@ def need_processes(plans: tuple[DrivePlan, ...]) -> bool:
 
 
 def _repeated_single_instance(fmus: Collection[FmuDescription]) -> FmuDescription | None:
-    """Return an FMU that occurs repeatedly in `fmus` but allows one instance per process, or None."""
+    """Return an FMU that is used repeatedly but allows one instance per process; None if there is no such FMU."""
     digests = [fmu.sha256 for fmu in fmus]
     return next((fmu for fmu in fmus if fmu.single_instance and digests.count(fmu.sha256) > 1), None)
 
@@ -250,32 +252,32 @@ def resting_plant(experiment: Experiment, moved: bool = False) -> tuple[Plant, n
 
 
 def plant(build: Build) -> Makers:
-    """Constructor of the plant: springs, mechanism and contact."""
+    """Return the constructor of the plant: springs, mechanism and contact."""
     return {"plant": lambda: build.plant}
 
 
 def body(build: Build) -> Makers:
-    """Constructor of a moving surface, if it moves."""
+    """Return the constructor of the moving surface; empty if the surface is at rest."""
     found = motions(build.experiment)
     return {"body": lambda: Body(found)} if found else {}
 
 
 def encoder(build: Build) -> Makers:
-    """Constructor of motor and joint encoders."""
+    """Return the constructor of the motor and joint encoders."""
     experiment = build.experiment
     motor, joint = shafts(experiment.plant)
     return {"encoder": lambda: Encoder(motor, joint, experiment.controller_ticks, experiment.seed)}
 
 
 def latency(build: Build) -> Makers:
-    """Constructor of the delay between the angles and the encoders, if there is one."""
+    """Return the constructor of the delay between the true angles and the encoders; empty without a delay."""
     ticks = whole_ticks(build.experiment.plant.encoder_latency, build.experiment.cosim.tick)
     initial = np.concatenate([build.theta_m, build.plant.initial("theta_l")])
     return {"latency": lambda: delay("latency", ANGLES, ticks, initial)} if ticks else {}
 
 
 def scale(build: Build) -> Makers:
-    """Constructor of the electronic scale's display, if there is one."""
+    """Return the constructor of the electronic scale's display; empty if the experiment has no scale."""
     table = build.experiment.scale
     if table is None:
         return {}
@@ -283,27 +285,27 @@ def scale(build: Build) -> Makers:
 
 
 def motions(experiment: Experiment) -> tuple[Motion, ...]:
-    """Return all motions of the surface, its own and those caused by faults."""
+    """Return all motions of the experiment's surface: its own, and those caused by faults."""
     return surface_motions(experiment.contact) + fault_motions(experiment.faults, experiment.cosim.tick)
 
 
 def belief(experiment: Experiment) -> Belief:
-    """Return the estimator's belief: [controller.model] and the dead zone."""
+    """Return the robot model that the estimator believes: [controller.model] and the springs' dead zone."""
     return Belief.from_tables(experiment.controller, experiment.controller.model)
 
 
 def monitor_belief(robot: Robot) -> MonitorBelief:
-    """Return the safety monitor's belief: the robot of [robot], independent of [controller.model]."""
+    """Return the robot model that the safety monitor believes: [robot], independent of [controller.model]."""
     return MonitorBelief.from_tables(robot, backlash=robot.backlash)
 
 
 def monitor_limits(monitor: Monitor, speed_limit: float) -> Limits:
-    """Return the limits of [monitor]; `speed_limit` is the controller's command limit (rad/s)."""
+    """Convert [monitor] to the safety monitor's limits; `speed_limit` is the controller's command limit (rad/s)."""
     return Limits.from_tables(monitor, command_limit=monitor.command_limit or speed_limit)
 
 
 def adaptive_options(experiment: Experiment) -> AdaptiveOptions | None:
-    """Return the adaptive parts of the controller; None without [controller.tissue]."""
+    """Return the controller's adaptive options from the experiment; None without [controller.tissue]."""
     c = experiment.controller
     if c.tissue is None:
         return None
@@ -316,7 +318,7 @@ def adaptive_options(experiment: Experiment) -> AdaptiveOptions | None:
 
 
 def tissue_sensing(computer: Computer, p_B: Triple) -> Sensing:
-    """Return the parameters of the tissue estimate for the believed robot near `p_B` (m)."""
+    """Return the parameters of the controller's tissue estimate for the believed robot near `p_B` (m)."""
     tissue, model = computer.tissue, computer.model
     assert tissue is not None
     geometry, masses = geometry_of(model), Masses(model.m_a, model.m_b, model.m_p, 0.0)
@@ -340,12 +342,12 @@ def tissue_sensing(computer: Computer, p_B: Triple) -> Sensing:
 
 
 def estimator(experiment: Experiment) -> Estimator:
-    """Build the estimator, which converts encoder counts to position and force."""
+    """Build the component that estimates position and force from encoder counts."""
     return Estimator(belief(experiment), experiment.controller.gravity_compensation, experiment.controller_ticks)
 
 
 def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -> Controller | TaskController:
-    """Build the force-position controller with the experiment's gains, led by waypoints or tasks.
+    """Build the component of twin's own controller with the experiment's gains, led by waypoints or tasks.
 
     In position mode the force loop never starts.
 
@@ -380,17 +382,17 @@ def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -
 
 
 def estimators(build: Build) -> Makers:
-    """Constructor of the estimator."""
+    """Return the constructor of the estimator."""
     return {"estimator": lambda: estimator(build.experiment)}
 
 
 def controllers(build: Build) -> Makers:
-    """Constructor of the controller."""
+    """Return the constructor of the controller."""
     return {"controller": lambda: controller(build.experiment)}
 
 
 def references(build: Build) -> Makers:
-    """Constructor of the pre-defined path, if a third-party controller has an input for it.
+    """Return the constructor of the pre-defined path, if a third-party controller has an input for it.
 
     Raises:
         InputRefused: the experiment has no [reference].
@@ -405,7 +407,7 @@ def references(build: Build) -> Makers:
 
 
 def tanks(build: Build) -> Makers:
-    """Constructor of the energy tank behind the controller, if it has one."""
+    """Return the constructor of the energy tank behind the controller; empty if none is configured."""
     c, ticks = build.experiment.controller, build.experiment.controller_ticks
     if c.energy_tank is None:
         return {}
@@ -414,13 +416,13 @@ def tanks(build: Build) -> Makers:
 
 
 def delays(build: Build) -> Makers:
-    """Constructor of the computation delay behind the controller, if one is set."""
+    """Return the constructor of the computation delay behind the controller; empty if none is set."""
     ticks = build.experiment.controller.delay_ticks
     return {"delay": lambda: delay("delay", (OMEGA_REF,), ticks, np.zeros(OMEGA_REF.size))} if ticks else {}
 
 
 def monitors(build: Build) -> Makers:
-    """Constructor of the safety monitor, if there is one."""
+    """Return the constructor of the safety monitor; empty if the experiment has none."""
     experiment = build.experiment
     if experiment.monitor is None:
         return {}
@@ -431,7 +433,7 @@ def monitors(build: Build) -> Makers:
 
 
 def buses(build: Build) -> Makers:
-    """Constructor of the bus from the computer to the drives, if it has a delay.
+    """Return the constructor of the delaying bus from the computer to the drives; empty without a delay.
 
     Until the first message arrives the drives are commanded to stand still, with power on.
     """

@@ -43,7 +43,7 @@ _TUNABLE_SOURCES: dict[str, tuple[MemoryPlace, FieldSource]] = {}
 
 
 class SettingMemory(NamedTuple):
-    """Settings in a component's memory.
+    """The place of an experiment's settings in a component's memory.
 
     Attributes:
         component: component name.
@@ -63,7 +63,10 @@ def _values_memory(component: str, record: str, values: type[Values]) -> Setting
 
 
 def _monitor_belief_fields() -> dict[str, FieldSource]:
-    """Return the sources of the monitor's belief: always [robot], independent of [controller.model]."""
+    """Return the setting behind each field of the monitor's robot model.
+
+    These are always settings of [robot], independent of [controller.model].
+    """
     model = MonitorBelief.sources
     return {name: FieldSource(Robot, model[name].name if name in model else name) for name in MonitorBelief._fields}
 
@@ -106,7 +109,7 @@ TABLE_PATHS[Processor] = TABLE_PATHS[Computer]
 
 
 def key_of(source: FieldSource) -> str:
-    """Return the key in the file for a field's setting: `controller.force.kp_mm_per_N`."""
+    """Return the experiment key of the setting behind a memory field, such as `controller.force.kp_mm_per_N`."""
     return f"{TABLE_PATHS[source.table]}.{source.setting.key(source.name)}"
 
 

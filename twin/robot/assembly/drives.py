@@ -51,7 +51,7 @@ OMEGA_REF = COMMAND_ROLES["velocity"].port
 
 @dataclass(frozen=True)
 class DrivePlan:
-    """A drive that has passed every check that needs no binary.
+    """The checked plan of a drive, made without loading its binaries.
 
     Attributes:
         label: name in error messages.
@@ -80,7 +80,7 @@ class DrivePlan:
     system: "EnclosedSystem | None" = None
 
     def folder(self, part: str) -> Path:
-        """Return the folder of a part's unpacked FMU.
+        """Return the folder into which the FMU of a drive part is unpacked.
 
         Raises:
             InputRefused: the folder cannot be written.
@@ -94,13 +94,18 @@ class DrivePlan:
         return known[fmu.sha256]
 
     def with_enable_input(self) -> "DrivePlan":
-        """Return the plan with `enable` as an input, if it has that role and the experiment does not fix it."""
+        """Return the drive's plan with its enable signal as an input.
+
+        Unchanged if the drive has no such signal or the experiment fixes it.
+        """
         fixed = {qualified_name(part, v.name) for part, settings in self.settings.items() for v, _ in settings}
         return replace(self, switched=any(b.port.name == ENABLE_ROLE and b.name not in fixed for b in self.bindings))
 
     def tolerance(self, part: str) -> float | None:
-        """Return the solver tolerance of a part: the experiment's, else the FMU's, else the default for CVODE, or
-        None."""
+        """Return the solver tolerance of an FMU of the drive; None for a solver without one.
+
+        It is the experiment's, else the FMU's, else the default for CVODE.
+        """
         own = self.table.parts[part].tolerance if part in self.table.parts else None
         stated = self.table.tolerance if own is None else own
         stated = self.parts[part].tolerance if stated is None else stated
@@ -108,7 +113,7 @@ class DrivePlan:
         return DEFAULT_TOLERANCE if stated is None and solver is not None and solver.method == "cvode" else stated
 
     def solver(self, part: str) -> Solver | None:
-        """Return twin's solver for the equations of a part; None for a co-simulation FMU, which contains its own."""
+        """Return twin's solver for a model-exchange FMU of the drive; None for a co-simulation FMU."""
         if self.parts[part].kind == "co_simulation":
             return None
         own = self.table.parts.get(part, self.table)
@@ -117,21 +122,21 @@ class DrivePlan:
 
     @property
     def is_bare(self) -> bool:
-        """Whether the FMU is wired to the robot directly, without twin's velocity loop, rotor or position command."""
+        """Whether the drive's FMU is wired directly, without twin's velocity loop, rotor or position command."""
         return self.table.velocity_loop is self.table.rotor is None and self.table.command != "position"
 
     @property
     def axes(self) -> int:
-        """Number of joints per instance: 1 or 3."""
+        """Number of joints moved by one instance of the drive: 1 or 3."""
         return self.port(COMMAND_ROLES[self.table.command].port.name).size
 
     def port(self, name: str) -> Port:
-        """Return the port of the role `name`, which the drive must fill."""
+        """Return the contract port that the drive fills for the role `name`."""
         return next(b.port for b in self.bindings if b.port.name == name)
 
     @property
     def outputs(self) -> tuple[Port, ...]:
-        """Contract outputs that the drive offers; outputs of twin's rotor come first."""
+        """Outputs of the drive contract that the drive offers; outputs of twin's rotor come first."""
         own = (THETA_M_ROLE.port, OMEGA_M_ROLE.port) if self.table.rotor else ()
         return (*own, *(b.port for b in self.bindings if b.role.causality == "output"))
 
@@ -151,7 +156,7 @@ class DrivePlan:
         return loops + [f"{port.name}: the FMU states no unit; taken as {port.unit}" for port in unstated]
 
     def _direct_feedthrough(self, load: str) -> list[str]:
-        """Return the motion roles with declared direct feedthrough from the load."""
+        """Return the drive's motion outputs that depend on the load without delay, as its FMU declares."""
         motion = {b.name: b.port.name for b in self.bindings if b.port.name in ("theta_m", "omega_m")}
         return [
             motion[name]
@@ -218,7 +223,7 @@ def _wiring(table: Drive) -> Wiring:
 
 
 def _check_axes(plan: DrivePlan) -> DrivePlan:
-    """Return `plan`; refuse several axes behind twin's one-axis rotor or loop."""
+    """Refuse a drive of several axes behind twin's one-axis rotor or velocity loop; else return its plan unchanged."""
     table, label = plan.table, plan.label
     if plan.axes > 1 and not plan.is_bare:
         ours = "rotor turns" if table.rotor else "loop drives"
@@ -227,7 +232,7 @@ def _check_axes(plan: DrivePlan) -> DrivePlan:
 
 
 def fmus(table: Drive) -> "Mapping[str, FmuDescription | EnclosedSystem]":
-    """Return the FMUs of a drive by part; an SSP is included under `ONLY_PART`.
+    """Return the descriptions of a drive's FMUs by part name; an SSP is one entry under `ONLY_PART`.
 
     Raises:
         InputRefused: one cannot be used, or does not match its pinned hash.
@@ -249,7 +254,7 @@ def _descriptions(table: Drive) -> dict[str, FmuDescription]:
 
 
 def _refuse_idle_solvers(plan: DrivePlan) -> None:
-    """Refuse a solver for an FMU that has its own."""
+    """Refuse a solver that the experiment sets for an FMU with its own solver."""
     named = {name: part.solver for name, part in plan.table.parts.items()}
     if plan.table.solver and all(fmu.kind == "co_simulation" for fmu in plan.parts.values()):
         named[next(iter(plan.parts))] = plan.table.solver
@@ -266,7 +271,7 @@ def is_system(file: Path) -> bool:
 
 
 def refuse_other_file(file: Path, sha256: str, pinned: str | None) -> None:
-    """Refuse a `file` whose SHA-256 differs from the pinned one; None pins nothing.
+    """Refuse a file whose SHA-256 differs from the pinned one; without a pinned hash, accept any file.
 
     Raises:
         InputRefused: the hashes differ.
@@ -279,12 +284,12 @@ def refuse_other_file(file: Path, sha256: str, pinned: str | None) -> None:
 
 
 def qualified_name(part: str, variable: str) -> str:
-    """Return the user's name for a variable of a part: `machine.R`."""
+    """Return the name of a variable as the user writes it: with its part in a drive of several parts (`machine.R`)."""
     return f"{part}.{variable}" if part else variable
 
 
 def belongs(part: str, name: str) -> bool:
-    """Whether the user's name `name` refers to a variable of `part`."""
+    """Whether a variable name, as the user writes it, refers to the given part of the drive."""
     return part == ONLY_PART or name.startswith(f"{part}.")
 
 
@@ -306,7 +311,10 @@ def _checked_wire(label: str, variables: dict[str, Variable], source: str, targe
 
 
 def rates(name: str, table: Drive, tick: float) -> tuple[int, int]:
-    """Return inner ticks per tick, and inner ticks per command of twin's loop (by default one command per tick)."""
+    """Return (inner ticks per tick, inner ticks per command of twin's velocity loop) of a drive.
+
+    By default there is one command per tick.
+    """
     key, loop = next(
         ((key, found) for key in ("velocity_loop", "position_command") if (found := getattr(table, key))), ("", None)
     )
@@ -323,7 +331,7 @@ def rates(name: str, table: Drive, tick: float) -> tuple[int, int]:
 
 
 def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
-    """Create a drive's component: outputs as `plan.outputs`, inputs omega_ref and tau_load.
+    """Create the component of a drive in this process, with the inputs omega_ref and tau_load.
 
     Args:
         tick: tick of the surrounding system (s).
@@ -359,7 +367,7 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
 def _system_component(
     name: str, plan: DrivePlan, tick: float, substeps: int, theta_m: Start, tau_load: Start
 ) -> "EnclosedComponent":
-    """Create the component of a drive that is an SSP, in ticks of `tick` (s)."""
+    """Create the component of a drive that is an SSP."""
     assert plan.system is not None
     inputs, outputs = _ports(plan, plan.bindings)
     started = {"tau_load": tau_load, ENABLE_ROLE: 1.0, "theta_m": theta_m}
@@ -368,7 +376,7 @@ def _system_component(
 
 
 def _ports(plan: DrivePlan, mine: Sequence[Binding]) -> tuple[list[FmuPort], list[FmuPort]]:
-    """Return inputs and outputs of a component that fills the roles of `mine`."""
+    """Return the FMU inputs and outputs for the roles that one part of a drive fills."""
     # an unwired optional input keeps its initial value
     inputs = [
         FmuPort(b.port, b.variable, b.gain, b.offset)
@@ -388,7 +396,7 @@ def _fmu_component(
     tau_load: Start,
     setup: Setup,
 ) -> FmuComponent:
-    """Create one FMU with ports for its roles and for its ends of wires between parts."""
+    """Create the component of one FMU of a drive, with ports for its roles and for its wires to other parts."""
     inputs, outputs = _ports(plan, [b for b in plan.bindings if belongs(part, b.name)])
     inputs += [_wire_port(part, description, target) for _, target in plan.wires if belongs(part, target)]
     sources = dict.fromkeys(source for source, _ in plan.wires if belongs(part, source))
@@ -414,7 +422,7 @@ def _wire_port(part: str, description: FmuDescription, end: str) -> FmuPort:
 
 
 def _port_name(end: str) -> str:
-    """Return a port name for a wire's end without a role; dots are replaced, as wires use them as separators."""
+    """Return a port name for a wire's end that fills no role; dots, which separate names in wires, are replaced."""
     return "wire:" + end.replace(".", ":")
 
 
@@ -427,7 +435,7 @@ def _inner_system(
     period: int,
     theta_m: Start,
 ) -> Component:
-    """Build the drive as a subsystem with a finer tick."""
+    """Build a drive of several parts as one component: a subsystem with a finer tick."""
     takes = {port.name: f"{part.name}.{port.name}" for part in parts for port in part.inputs}
     gives = {port.name: f"{part.name}.{port.name}" for part in parts for port in part.outputs}
     table, command = plan.table, COMMAND_ROLES[plan.table.command].port
@@ -470,7 +478,7 @@ def _inner_system(
 
 
 def _servo(plan: DrivePlan, parts: "Sequence[FmuComponent | EnclosedComponent]") -> Servo:
-    """Return how the FMU counts its shaft angle, if its command is a position."""
+    """Return the angle convention and limits of a drive that is commanded by position."""
     stated = plan.table.position_command or PositionCommand()
     if plan.table.command != "position":
         return Servo(0.0, 1.0)

@@ -41,7 +41,7 @@ BUS_TARGET = "bus"
 
 
 class Circuit:
-    """A copy of a system's wiring, with shared components.
+    """An editable copy of a system's wiring, into which faults are inserted; components are shared with the system.
 
     Attributes:
         components: components in the order of evaluation within a tick.
@@ -54,7 +54,7 @@ class Circuit:
         self._stand_ins: dict[End, End] = {}
 
     def component(self, name: str, number: int, target: str) -> Component:
-        """Return the component `name`, which fault `number` on `target` needs.
+        """Return the component `name`; refuse fault `number` on `target` if it does not exist.
 
         Raises:
             InputRefused: the component does not exist.
@@ -69,15 +69,15 @@ class Circuit:
         )
 
     def has(self, name: str) -> bool:
-        """Whether the component `name` exists."""
+        """Whether the system has a component called `name`."""
         return any(component.name == name for component in self.components)
 
     def faulty_output(self, output: End) -> End:
-        """Return the corresponding output of the last fault inserted after `output`, or `output` itself."""
+        """Return the output that readers of a signal now get: of its last inserted fault, else the signal itself."""
         return self._stand_ins.get(output, output)
 
     def insert_after(self, fault: Component, outputs: Sequence[End], inputs: Sequence[End]) -> None:
-        """Insert `fault` after `outputs` (and their earlier faults): every reader of these reads the fault instead.
+        """Insert a fault component between output signals and all of their readers, behind earlier faults.
 
         Args:
             inputs: inputs of the fault, which has outputs with the same names.
@@ -90,14 +90,17 @@ class Circuit:
         self.insert(fault, sources)
 
     def insert_before(self, fault: Component, targets: Sequence[End], inputs: Sequence[End]) -> None:
-        """Insert `fault` before `targets`: its `inputs` get their sources, its outputs of the same names feed them."""
+        """Insert a fault component in front of some inputs: it reads their sources and feeds them."""
         sources = [self.feeds[target] for target in targets]
         self.feeds.update(zip(targets, inputs, strict=True))
         self.feeds.update(zip(inputs, sources, strict=True))
         self.insert(fault, sources)
 
     def insert(self, fault: Component, sources: Iterable[End]) -> None:
-        """Insert `fault` into the component order after its last source; it may return NaN if a source may."""
+        """Insert a fault component into the evaluation order, right after the last component that feeds it.
+
+        Its outputs may be NaN if those of a source may.
+        """
         feeding = {source.component for source in sources}
         fault.finite = fault.finite and all(c.finite for c in self.components if c.name in feeding)
         self.components.insert(1 + max(i for i, c in enumerate(self.components) if c.name in feeding), fault)
@@ -111,7 +114,7 @@ def inject(
     counts_per_turn: tuple[float, float],
     speed_limit: float,
 ) -> tuple[list[Component], Feeds]:
-    """Return components and feeds of a system with `faults` inserted; the arguments stay unchanged.
+    """Insert faults into a system and return its new components and wiring; the arguments stay unchanged.
 
     Fault n of the list is the component "fault_n"; each member of a group counts. Faults on one signal act in the order
     of the list. Faults with the mechanism "body" belong to the surface and are skipped.
@@ -151,20 +154,20 @@ def inject(
 
 
 def _element_index(target: str) -> int:
-    """Return the index from 0 of "drive_2", "joint_encoder_2" or "joint_2"; 0 without a number."""
+    """Return the index, from 0, of the axis in a fault's target such as "drive_2"; 0 without a number."""
     last = target.rpartition("_")[2]
     return int(last) - 1 if last.isdigit() else 0
 
 
 def _name_and_span(number: int, fault: Fault) -> tuple[str, Span]:
-    """Return name and time span of the component of fault `number`."""
+    """Return the component name and the active time span of a fault."""
     return f"fault_{number}", Span(fault.onset, fault.end)
 
 
 def _break_encoder(
     circuit: Circuit, number: int, fault: Fault, tick: float, counts_per_turn: tuple[float, float]
 ) -> None:
-    """Insert a fault of encoder counts.
+    """Insert a fault of encoder counts into the wiring.
 
     The magnitude is an angle of the encoder's shaft, a speed (drift) or a share of samples (dropout).
     """
@@ -196,7 +199,7 @@ def _break_encoder(
 
 
 def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) -> None:
-    """Insert a fault of messages.
+    """Insert a fault that delays or loses messages.
 
     The magnitude is a delay, the maximum of random delays, or the share of lost messages.
     """
@@ -232,7 +235,7 @@ def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) ->
 
 
 def _insert_power_gate(circuit: Circuit, name: str, targets: Sequence[End]) -> None:
-    """Insert a gate that stops unpowered drives while the bus still delivers motion commands.
+    """Insert a gate that stops unpowered drives although the bus still delivers their motion commands.
 
     Without it, a monitor with drives that cannot be switched stops them through its command, see docs/safety.md.
     """
@@ -244,7 +247,7 @@ def _insert_power_gate(circuit: Circuit, name: str, targets: Sequence[End]) -> N
 
 
 def _cut_power(circuit: Circuit, number: int, fault: Fault) -> None:
-    """Insert a power failure: no drive has power or a command to move."""
+    """Insert a power failure into the wiring: all drives lose their power and their motion command."""
     name, span = _name_and_span(number, fault)
     stopped = CommandFault(name, span, 0.0, JOINTS)
     targets = [_drive_end(circuit, number, fault.target, joint, "omega_ref") for joint in range(JOINTS)]
@@ -258,14 +261,14 @@ def _cut_power(circuit: Circuit, number: int, fault: Fault) -> None:
 
 
 def power_lines(circuit: Circuit) -> list[tuple[str, str]]:
-    """Return (component, port) of each power signal of the drives."""
+    """Return (component, port) of each signal that powers the drives."""
     last = next((c for name in ("bus", "monitor") for c in circuit.components if c.name == name), None)
     lines = [port.name for port in last.outputs] if last else []
     return [(last.name, port) for port in ("drive_power", "power") if last and port in lines]
 
 
 def _limit_command(circuit: Circuit, number: int, fault: Fault, speed_limit: float) -> None:
-    """Insert a speed limit.
+    """Insert a limit of the commanded drive speeds.
 
     The magnitude is the limit; in a brown-out the remaining share of `speed_limit`, as a motor's no-load speed is
     proportional to its voltage.
@@ -279,7 +282,7 @@ def _limit_command(circuit: Circuit, number: int, fault: Fault, speed_limit: flo
 
 
 def _break_drive(circuit: Circuit, number: int, fault: Fault) -> None:
-    """Insert a fault of one drive. The magnitude is the speed of a runaway."""
+    """Insert a fault of one joint's drive. The magnitude is the speed of a runaway."""
     joint = _element_index(fault.target)
     theta_m = _drive_end(circuit, number, fault.target, joint, "theta_m")
     tau_load = circuit.feeds[_drive_end(circuit, number, fault.target, joint, "tau_load")]
@@ -301,14 +304,17 @@ def _break_drive(circuit: Circuit, number: int, fault: Fault) -> None:
 
 
 def _drive_end(circuit: Circuit, number: int, target: str, joint: int, port: str) -> End:
-    """Return the end of a port for one joint's drive."""
+    """Return the wire end of a port for one joint's drive, whether drives are separate or one for three axes."""
     if circuit.has(THREE_AXES):
         return End(THREE_AXES, port, joint)
     return End(circuit.component(f"drive_{joint + 1}", number, target).name, port)
 
 
 def _change_parameter(circuit: Circuit, number: int, fault: Fault, written: list[str]) -> None:
-    """Insert a parameter change. The magnitude is a factor (0 without one), or a summand if it has a unit."""
+    """Insert a fault that changes a parameter of a component.
+
+    The magnitude is a factor (0 without a magnitude), or a summand if it has a unit.
+    """
     place = FAULT_PLACES[fault.kind]
     element = _element_index(fault.target)
     owner = circuit.component(place.component, number, fault.target)

@@ -54,7 +54,7 @@ _spare: list[GuardedProcess] = []
 
 
 class IsolatedDrives:
-    """Factory for drives in other processes; a context manager that ends the processes on exit, or keeps them.
+    """Factory for drives in other processes. A context manager that ends the processes, or keeps them for reuse.
 
     Args:
         reporter: receives each process, so that the supervisor watches its memory; None for this process' own reporter.
@@ -92,7 +92,7 @@ class IsolatedDrives:
         os.sched_setaffinity(0, self._processors)
 
     def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
-        """Create a drive's component as `twin.robot.assembly.drives.drive` does, in another process.
+        """Create the component of a drive that runs in another process.
 
         Raises:
             InputRefused: as there; also if it crashes or hangs during creation.
@@ -118,7 +118,7 @@ class IsolatedDrives:
             raise
 
     def _release(self, process: GuardedProcess) -> None:
-        """Keep or end `process`, whose drive has ended normally."""
+        """Keep the process of a normally ended drive for reuse, or end it."""
         if self._keep and process.memory < 0.5 * self._limits.memory:
             self._idle.append(process)
         else:
@@ -126,7 +126,7 @@ class IsolatedDrives:
 
 
 def _spare_processes(most: int) -> list[GuardedProcess]:
-    """Take up to `most` live spare processes; dead ones are closed."""
+    """Take up to `most` running spare processes from the pool; dead ones are closed."""
     found: list[GuardedProcess] = []
     while _spare and len(found) < most:
         process = _spare.pop()
@@ -145,7 +145,7 @@ def _end_spare() -> None:
 
 
 class IsolatedDrive(ProcessProxy):
-    """Proxy of a drive in another process.
+    """Proxy component of a drive that runs in another process.
 
     Args:
         name: component name.
@@ -194,28 +194,31 @@ class IsolatedDrive(ProcessProxy):
         return self._lacking
 
     def save_state(self) -> bytes:
-        """Return the drive's state as serialised by the host."""
+        """Return the state of a drive in another process, serialised there."""
         self._send_order(SAVE_ORDER)
         return self._page.read_content()
 
     def restore_state(self, token: bytes) -> None:
-        """Restore in the host the state returned by `save_state`."""
+        """Restore a saved state of a drive in another process."""
         self._page.write_content(token)
         self._send_order(RESTORE_ORDER)
 
     def free(self, token: bytes) -> None:
-        """Do nothing: a saved state occupies no resource of the host."""
+        """Do nothing, because a saved state occupies no resource of the drive's process."""
 
     def pack(self, token: bytes) -> bytes:
-        """Return `token` itself, which is valid in any process."""
+        """Return the saved state unchanged, because it is valid in any process."""
         return token
 
     def unpack(self, content: bytes) -> bytes:
-        """Return `content` itself; the host validates it, see `pack`."""
+        """Return the packed state unchanged; the drive's process validates it when it is restored."""
         return content
 
     def _send_order(self, number: int) -> None:
-        """Let the host execute an order between two steps; a failure raises ComponentFailed."""
+        """Let the drive's process save or restore its state between two steps.
+
+        A failure raises ComponentFailed.
+        """
         u, y = np.zeros(max(1, self._page.inputs)), np.zeros(max(1, self._page.outputs))
         status = STEP_FUNCTION(ask.address)(self.self_address, float(number), NO_STEP, u.ctypes.data, y.ctypes.data)
         if status == REFUSED_STATUS:
@@ -245,7 +248,7 @@ class IsolatedDrive(ProcessProxy):
         return super().explain(status)
 
     def close(self) -> None:
-        """Free the drive and end its process.
+        """Free the drive in another process, and end the process or keep it for reuse.
 
         Raises:
             JobEnded: it crashed or hung while being freed.
@@ -280,7 +283,7 @@ def hosted_drive(
     tau_load: Start,
     processor: int,
 ) -> None:
-    """Create a drive and serve its steps, as the job of a host process.
+    """Create a drive in this process and serve its steps to another process.
 
     Notes to the supervisor: {"ports"} when the drive is ready, {"explained"} after a failed step.
 
@@ -312,7 +315,7 @@ def hosted_drive(
 
 
 def _execute_order(page: SharedPage, component: Component) -> None:
-    """Save or restore the state of `component` in the memory that follows the page."""
+    """Save or restore the state of a drive in the shared memory that follows the page of its steps."""
     try:
         places = StatePlaces([component], np.zeros(0), np.zeros(0))
         if page.order == SAVE_ORDER:
@@ -334,7 +337,7 @@ def _serve_page(page: SharedPage, component: Component) -> int:
 
 
 def _packed_description(component: Component) -> str:
-    """Encode ports, initial outputs and code of `component` for its proxy."""
+    """Encode ports, initial outputs and code of a component as text, for its proxy in another process."""
     initial, code, lacking = (
         np.array(component.initial_outputs),
         tuple(compiled_names([component])),

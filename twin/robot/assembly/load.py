@@ -28,7 +28,7 @@ OUT_OF_REACH = "out of reach"
 def load_experiment(
     path: str | Path, overrides: Iterable[str] = (), drive: str | None = None, body: str | None = None
 ) -> Experiment:
-    """Read, merge and check the experiment at `path`.
+    """Load the experiment file at `path`, apply settings, drive and body, and check it.
 
     Args:
         path: a TOML file, or the name of an experiment, see `experiment_file`.
@@ -54,7 +54,9 @@ def load_experiment(
 
 
 def checked_experiment(source: Source, name: str, where: Path, folder: Path) -> Experiment:
-    """Check `source`, complete its values in place, and return the experiment.
+    """Check the merged values of an experiment's files and return the experiment.
+
+    The values are completed in place.
 
     Args:
         source: merged values of all files.
@@ -88,7 +90,7 @@ def recorded_experiment(
     body: str | None = None,
     drive: str | None = None,
 ) -> Experiment:
-    """Load the experiment of a recording, with the same FMUs.
+    """Load the experiment of a recording, with the same FMUs and optional changes.
 
     A recording names its FMUs by file name and SHA-256 without a path: they are searched beside it and in fmus/. Every
     drive pins its recorded SHA-256, so that no other file is used, unless `drive` or a setting of [drive] replaces it.
@@ -141,7 +143,7 @@ def recorded_experiment(
 
 
 def _find_parts(values: dict[str, Any], metadata: Metadata, fmus: Mapping[str, str], where: Path, folder: Path) -> None:
-    """Replace third-party file names in `values` by the paths of the recorded files, pinned by SHA-256."""
+    """Replace recorded names of third-party files by the paths of the same files, pinned by SHA-256."""
     for role in RETAINED_KEYS:
         table = values.get(role)
         if not isinstance(table, dict):
@@ -162,7 +164,7 @@ def _find_parts(values: dict[str, Any], metadata: Metadata, fmus: Mapping[str, s
 
 
 def _with_paths(table: dict[str, Any], where: Path, folder: Path) -> dict[str, Any]:
-    """Replace FMU names in a [drive] table by paths."""
+    """Return a recorded [drive] table with FMU names replaced by the paths of the same files."""
     tables = {key: _with_paths(value, where, folder) for key, value in table.items() if isinstance(value, dict)}
     fmu = {"fmu": _fmu_path(table["fmu"], where, folder)} if isinstance(table.get("fmu"), str) else {}
     return table | tables | fmu

@@ -27,7 +27,7 @@ MAX_SERIAL_COMPILES = 3
 
 
 def common_functions() -> tuple[Native, ...]:
-    """Return the functions of a run of Fig. 4, in the order of first use."""
+    """Return the compiled functions that a run of Fig. 4 needs, in the order of first use."""
     return (
         kinematics._angles.native, workspace._nearest.native, component._load.native, kinematics._rows.native,
         component._deflect.native, component._begin.native, component.make_step(False, False), encoder.step,
@@ -39,7 +39,10 @@ def common_functions() -> tuple[Native, ...]:
 
 
 def compile_in_background() -> None:
-    """Start a process that compiles missing common functions, last one first, if many are missing."""
+    """Start a background process that compiles the functions every run needs, if many are not cached.
+
+    It starts with the last function.
+    """
     if (os.cpu_count() or 1) > 1 and sum(not native.has_code for native in common_functions()) > MAX_SERIAL_COMPILES:
         helper = subprocess.Popen(module_command(__name__), env=environment(), stdin=subprocess.DEVNULL)
         atexit.register(_end, helper)

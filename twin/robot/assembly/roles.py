@@ -57,7 +57,7 @@ _PORT_SIDES: tuple[Side, Side] = ("input", "output")
 
 @dataclass(frozen=True)
 class SampledFmu:
-    """An FMU or an SSP for a part of the robot, checked without loading a binary.
+    """The checked plan of an FMU or SSP that serves as controller, monitor or another part of the robot.
 
     Attributes:
         description: description of the FMU or system.
@@ -78,7 +78,7 @@ class SampledFmu:
     missing_outputs: tuple[str, ...] = ()
 
     def component(self, name: str, tick: float, period: int, ticks: int) -> FmuComponent:
-        """Create the FMU in step mode, called every `period` ticks of `tick` (s) from tick 0 to tick `ticks`.
+        """Create the component of a third-party FMU that is called once per period.
 
         Raises:
             InputRefused: it cannot be initialised.
@@ -95,7 +95,9 @@ class SampledFmu:
         return made
 
     def part(self, name: str, tick: float, period: int, ticks: int) -> Component:
-        """Create the FMU or system in step mode with the role's complete ports; missing output values are 0.
+        """Create the component of a third-party FMU or SSP with all ports of its role.
+
+        Output values that the FMU lacks are 0.
 
         Raises:
             InputRefused: it cannot be initialised.
@@ -118,7 +120,7 @@ class SampledFmu:
         return [FmuPort(b.port, b.variable, b.gain, b.offset) for b in mine]
 
     def _slots(self, side: "Side") -> list[int]:
-        """Return the index of each of the FMU's values among the values of all ports."""
+        """Return the position of each variable of the FMU among the values of all ports on one side."""
         at = port_slices(self.inputs if side == "input" else self.outputs)
         found: list[int] = []
         for binding in self.bindings:
@@ -138,7 +140,7 @@ def sampled_fmu(
     parameters: Mapping[str, Value],
     tolerance: float | None,
 ) -> SampledFmu:
-    """Check the FMU `file` for a part of the robot and return its plan.
+    """Check an FMU for a part of the robot, such as the controller, and return its plan.
 
     Args:
         table: name of the experiment's table, for error messages.
@@ -189,7 +191,10 @@ def sampled_fmu(
 def _read_part(
     file: Path, table: str, named: tuple[Names, Names], parameters: Mapping[str, Value], tolerance: float | None
 ) -> "tuple[FmuDescription | EnclosedSystem, Sequence[Setting]]":
-    """Read `file`; return its description and the values to set, which an SSP already contains."""
+    """Load the FMU or SSP of a third-party part; return its description and the parameter values to set.
+
+    An SSP already contains its values.
+    """
     if is_system(file):
         from twin.kernel.systems.enclosed import enclose_system
 
@@ -204,7 +209,7 @@ def _read_part(
 
 
 def _refuse_unknown(file: Path, table: str, side: Side, name: str, given: Names, offered: Sequence[Port]) -> None:
-    """Refuse a mapped `name` that is neither a port nor one of its values, `F_ee_B[2]`, counted from 0."""
+    """Refuse a mapped name that is neither a port of the role nor one of its values, such as `F_ee_B[2]`."""
     sizes = {port.name: port.size for port in offered}
     port, index = _ELEMENT_PATTERN.sub("", name), _ELEMENT_PATTERN.search(name)
     if port not in sizes:
@@ -221,7 +226,7 @@ def _refuse_unknown(file: Path, table: str, side: Side, name: str, given: Names,
 
 
 def _missing_values(found: Sequence[Binding], ports: Sequence[Port]) -> list[str]:
-    """Return the values of `ports` without a binding, counted from 0."""
+    """Return the port values, such as `p_B[2]` counted from 0, that no FMU variable is mapped to."""
     there = {binding.role.port.name for binding in found}
     return [f"{port.name}[{i}]" for port in ports for i in range(port.size) if f"{port.name}[{i + 1}]" not in there]
 
@@ -233,7 +238,7 @@ def _roles(
     side: Side,
     given: Names,
 ) -> Iterator[tuple[Role, str]]:
-    """Yield the roles of a port with the variable of each; "" if unknown."""
+    """Yield (role, variable) for a port, or for each of its values; the variable is "" if unknown."""
     named = given.get(port.name)
     single = {i: of for i in range(port.size) if (of := given.get(f"{port.name}[{i}]")) is not None}
     unit = known_unit(port.unit)
@@ -259,7 +264,7 @@ def _roles(
 
 
 def _flattened_name(port: Port, i: int, variables: Mapping[str, Variable], causality: str) -> str:
-    """Return the variable for value `i` of `port`, by the usual ways of flattening arrays; "" if missing."""
+    """Return the FMU variable that holds one element of an array port, by the usual naming schemes; "" if missing."""
     name, n = port.name, i + 1
     ways = [f"{name}[{n}]", f"{name}({n})", f"{name}_{n}", f"{name}{n}"]
     if port.size == 3:
@@ -278,7 +283,10 @@ def _refuse_missing_outputs(
     required: Sequence[Port],
     wired: Mapping[str, str],
 ) -> None:
-    """Refuse an FMU without a mapping for a required output; ports of equal unit are too many to guess."""
+    """Refuse an FMU that has no variable mapped to a required output of its role.
+
+    The mapping is not guessed, because several outputs have the same unit.
+    """
     for port in required:
         if port.name not in wired and not all(f"{port.name}[{i + 1}]" in wired for i in range(port.size)):
             offered = [f"{v.name}{f' [{v.unit}]' if v.unit else ''}" for v in description.variables_of("output")]
@@ -290,14 +298,17 @@ def _refuse_missing_outputs(
 
 
 def port_of(binding: Binding) -> str:
-    """Return the name of the port that `binding` fills, wholly or in part."""
+    """Return the name of the port that a mapped variable fills, wholly or in part."""
     return binding.role.port.name.partition("[")[0]
 
 
 def _complete_ports(
     file: Path, table: str, found: Sequence[Binding], side: str, offered: Sequence[Port], single: Collection[str]
 ) -> Iterator[Port]:
-    """Yield the ports that the FMU has, complete with all values; ports in `single` may be partial."""
+    """Yield the ports that a third-party FMU has, with all of their values.
+
+    An incomplete port is refused unless its values were mapped one by one.
+    """
     mine = [binding for binding in found if binding.role.causality == side]
     sizes = {name: sum(binding.variable.size for binding in group) for name, group in groupby(mine, port_of)}
     for port in offered:
@@ -313,7 +324,7 @@ def _complete_ports(
 
 
 def _refuse_odd_units(file: Path, found: Sequence[Binding]) -> None:
-    """Refuse scaled units for counts, flags and codes, which have no unit."""
+    """Refuse FMU variables with a scaled unit for counts, flags and codes, which have no unit."""
     for binding in found:
         conversion = binding.variable.conversion
         if (
@@ -333,7 +344,10 @@ def _refuse_unwired_inputs(
     found: Sequence[Binding],
     parameters: Collection[str],
 ) -> None:
-    """Refuse inputs without a source, which would silently keep their start values."""
+    """Refuse an FMU with an input that neither the robot nor a parameter feeds.
+
+    It would silently keep its start value.
+    """
     fed = {binding.variable.name for binding in found} | set(parameters)
     unfed = [v.name for v in description.variables.values() if v.causality == "input" and v.name not in fed]
     if unfed:
@@ -344,7 +358,7 @@ def _refuse_unwired_inputs(
 
 
 class Contract(NamedTuple):
-    """Inputs and outputs of a part of the robot.
+    """The ports that a third-party part needs in its role, such as controller or monitor.
 
     Attributes:
         inputs: available inputs, all optional.
@@ -369,7 +383,7 @@ ROLE_CONTRACTS = {
 
 @dataclass(frozen=True)
 class ThirdPartyPart:
-    """A third-party part that has been checked, but not created.
+    """A third-party part of the robot, checked but not yet created.
 
     Attributes:
         role: role, a key of `ROLE_CONTRACTS`.
@@ -392,7 +406,7 @@ class ThirdPartyPart:
 
     @property
     def sentence(self) -> str:
-        """Description of the part for the reader of a run."""
+        """Sentence about the third-party part for the user of a run: role, file and hash."""
         own = "twin's own, which has the law of the paper," if self.role == "controller" else "twin's own"
         zero = self.metadata.get("zero")
         lacking = f"; it does not give {', '.join(zero)}, taken as 0" if zero else ""
@@ -400,7 +414,7 @@ class ThirdPartyPart:
 
 
 def third_party_part(role: str, table: StandIn) -> ThirdPartyPart:
-    """Check the part that [role] of an experiment names; the file of a Python class is executed.
+    """Check the third-party part that the experiment names for a role; a Python file is executed for this.
 
     Raises:
         InputRefused: file, hash, mapping, ports or parameters are invalid.
@@ -409,7 +423,9 @@ def third_party_part(role: str, table: StandIn) -> ThirdPartyPart:
 
 
 def third_party_parts(experiment: Experiment) -> dict[str, ThirdPartyPart]:
-    """Check all third-party parts of an experiment, by role, except parts that a study has removed.
+    """Check all third-party parts of an experiment and return them by role.
+
+    Parts that a study has removed are skipped.
 
     Raises:
         InputRefused: see `third_party_part`.
@@ -419,7 +435,7 @@ def third_party_parts(experiment: Experiment) -> dict[str, ThirdPartyPart]:
 
 
 def part_sha256(role: str, table: StandIn) -> str:
-    """Return the SHA-256 of the part that [role] names, without executing it.
+    """Return the SHA-256 of the file of a third-party part, without executing the file.
 
     Raises:
         InputRefused: the file is missing, does not match its pinned hash, or is neither a fitting FMU nor Python.
@@ -430,7 +446,7 @@ def part_sha256(role: str, table: StandIn) -> str:
 
 
 def part_from_class(role: str, given: Any) -> ThirdPartyPart:
-    """Check a part given by a program as a class or an instance.
+    """Check a Python class or instance that a program passes as a part of the robot.
 
     Raises:
         InputRefused: the ports do not fit.
@@ -449,7 +465,7 @@ def part_from_class(role: str, given: Any) -> ThirdPartyPart:
 
 
 def refuse_third_party_parts(experiment: Experiment, asker: str, roles: Sequence[str]) -> None:
-    """Refuse experiments with third-party parts, for studies that only know twin's own.
+    """Refuse an experiment with third-party parts in roles that a study needs as twin's own.
 
     Args:
         asker: name of the study, as the subject of a sentence.
@@ -494,7 +510,7 @@ def _fmu_part(role: str, table: StandIn) -> ThirdPartyPart:
 
 
 def origin_metadata(fmu: "FmuDescription | EnclosedSystem") -> dict[str, Any]:
-    """Return the recorded origin of an FMU, or of a system and its FMUs."""
+    """Return the origin of an FMU, or of a system and its FMUs, for the metadata of a recording."""
     if isinstance(fmu, FmuDescription):
         model = fmu.model
         return {"model": model.modelName, "fmi": model.fmiVersion, "generation_tool": model.generationTool}
@@ -502,7 +518,7 @@ def origin_metadata(fmu: "FmuDescription | EnclosedSystem") -> dict[str, Any]:
 
 
 def _mapping_lines(plan: SampledFmu, ports: Sequence[Port], side: str, arrow: str) -> list[str]:
-    """Return a line for each port: `p_B <- p_x, p_y, p_z [mm]`."""
+    """Return a line about the mapped variables of each port: `p_B <- p_x, p_y, p_z [mm]`."""
     lines = []
     for port in ports:
         mine = [b for b in plan.bindings if b.role.causality == side and port_of(b) == port.name]

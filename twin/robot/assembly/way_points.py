@@ -18,7 +18,7 @@ SAMPLES_PER_PERIOD = 10
 
 
 def load_waypoints(tables: Tables, mistakes: list[str]) -> WayPoints | None:
-    """Return the waypoints of [reference]; None without it, or if errors in other tables prevent it.
+    """Convert [reference] to waypoints; None without that table, or if errors in other tables prevent it.
 
     Args:
         tables: tables of the experiment.
@@ -42,7 +42,7 @@ def load_waypoints(tables: Tables, mistakes: list[str]) -> WayPoints | None:
 
 
 def way_points(reference: Reference, believed: Geometry, period: float, duration: float) -> WayPoints:
-    """Compute the waypoints of the shape in `reference`, up to the end of the experiment.
+    """Compute the waypoints of a circle, chirp or joint step, up to the end of the experiment.
 
     Args:
         believed: geometry of the controller, whose joints a joint step moves.
@@ -70,7 +70,7 @@ def way_points(reference: Reference, believed: Geometry, period: float, duration
 
 
 def _sample_shape(path, shape, length: float, period: float, duration: float, name: str) -> WayPoints:  # type: ignore[no-untyped-def]
-    """Sample `path` (shape, times since its start) from `shape.start` on, for `length` (s)."""
+    """Sample a reference shape once per controller period, from its start time on, for `length` (s)."""
     samples = min(length, max(period, duration - shape.start)) / period
     if samples > MAX_POINTS:
         raise ValueError(f"[reference.{name}] {samples:.3g} way points: expected at most {MAX_POINTS:,}; shorten it")
@@ -88,7 +88,10 @@ def _on_circle(circle: Circle, since: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def _on_chirp(chirp: Chirp, since: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the points of a chirp, whose phase is 2 pi times the integral of begin + (end - begin) t / duration."""
+    """Compute the points (n, 3) in m of a sine with linearly growing frequency.
+
+    The phase is 2 pi times the integral of begin + (end - begin) t / duration.
+    """
     turns = chirp.begin * since + 0.5 * (chirp.end - chirp.begin) * since**2 / chirp.duration
     p = np.tile(np.array(chirp.point), (len(since), 1))
     p[:, "xyz".index(chirp.direction)] += chirp.amplitude * np.sin(2.0 * np.pi * turns)

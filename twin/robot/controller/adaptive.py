@@ -67,7 +67,9 @@ reference and its rate, and velocity of the breath, in this call."""
 
 @njit(cache=True, error_model="numpy")
 def dither(m, h, F, F_ref):
-    """Shift of the reference (m) and its rate (m/s) in this call; 0 if the tissue is known well enough.
+    """Advance the dither, a sine added to the z reference, by one call; return (shift (m), its rate (m/s)).
+
+    Both are 0 if the tissue is known well enough.
 
     Args:
         F, F_ref: pressing force and its reference (N).
@@ -114,7 +116,7 @@ def dither(m, h, F, F_ref):
 
 @dataclass(frozen=True)
 class AdaptiveOptions:
-    """Requested adaptive options.
+    """Settings of the controller's adaptive options: tissue estimate, scheduled gains, breath, learning of taps.
 
     Attributes:
         sensing: parameters of the tissue estimate.
@@ -134,7 +136,7 @@ class AdaptiveOptions:
         object.__setattr__(self, "table", schedule_table(self.points))
 
     def fill(self, memory: Any) -> dict[str, np.ndarray]:
-        """Write the settings into `memory`, a record of `ADAPTIVE_RECORD`; return its arrays by pointer name."""
+        """Write the adaptive options into the controller's memory record; return the arrays that it points to."""
         parts = {"tissue": self.sensing._asdict()}
         if self.scheduling is not None:
             parts["schedule"] = self.scheduling._asdict()
@@ -150,7 +152,7 @@ class AdaptiveOptions:
 
 
 def with_adaptive(kind: np.dtype) -> np.dtype:
-    """Return the controller memory `kind` extended by the adaptive options."""
+    """Return the record type of a controller's memory, extended by the memory of the adaptive options."""
     # first, because numba confuses a record with its leading record, and warns about it; the gains of the force loop
     # become state, as they follow the tissue
     fields = {name: kind[name] for name in kind.names or ()} | {"force": state(kind["force"])}
@@ -159,7 +161,7 @@ def with_adaptive(kind: np.dtype) -> np.dtype:
 
 @njit(cache=True)
 def adapt(m, table, pid, h, z, F, J, F_ref):
-    """Update the options before a call of the law.
+    """Update tissue estimate, breath, taps and scheduled gains before a call of the force-position law.
 
     Args:
         table: address of the schedule's points.
@@ -182,7 +184,7 @@ def adapt(m, table, pid, h, z, F, J, F_ref):
 
 @njit(cache=True)
 def write_outputs(m, pid, pressing, y):
-    """Store whether the force loop acts, and write the recorded outputs, after a call of the law."""
+    """Store whether the force loop acts, and write the adaptive options' outputs, after a call of the control law."""
     m.pressing = pressing
     tissue = m.tissue
     y.k_hat, y.k_std, y.c_hat, y.excited = tissue.k, tissue.std_late, tissue.c, tissue.excited

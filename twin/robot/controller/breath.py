@@ -46,7 +46,7 @@ prediction time (s)."""
 
 @njit(cache=True)
 def _advance_oscillator(m, v, h):
-    """Advance the oscillator by one call with the measured velocity `v` (m/s)."""
+    """Advance the breathing oscillator by one call with the measured surface velocity `v` (m/s)."""
     e, squared, before = v - m.x, m.x * m.x + m.q * m.q, m.q
     step = m.omega * h
     m.q += step * m.x
@@ -60,7 +60,9 @@ def _advance_oscillator(m, v, h):
 
 @njit(cache=True, error_model="numpy")
 def breath_velocity(m, tissue, h, z, F):
-    """Velocity (m/s) of the surface, predicted by the robot's lag and weighted by the confidence in the breath.
+    """Estimate the velocity (m/s) of the breathing surface that the controller feeds forward.
+
+    It is predicted by the robot's lag and weighted by the confidence in the breath.
 
     Args:
         tissue: state of the tissue estimate.

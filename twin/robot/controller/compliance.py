@@ -36,13 +36,16 @@ DAMPER_RECORD = record_of(Damping, **states(slow="3f8", started="i8", low=LOW_PA
 
 
 def damper(damping: Damping, slow: Any = (0.0, 0.0, 0.0), started: bool = False) -> tuple:
-    """Initial record of dtype `DAMPER_RECORD`, at rest unless the slow torques (3,), N m, are given."""
+    """Return the initial record of the damping by motor yielding.
+
+    It is at rest unless the slow torques (3,), N m, are given.
+    """
     return (*numbers(damping).values(), slow, started, (0.0, 0.0, 0.0))
 
 
 @njit(cache=True)
 def damp(damper, torque_per_spring, tau_l, h, lead):
-    """Subtract the motors' yielding from the motor speeds `lead` (3,), rad/s.
+    """Subtract the motors' yielding to swings of the spring torques from the motor speeds `lead` (3,), rad/s.
 
     Args:
         torque_per_spring: ratio N eta of the joint torques `tau_l` (3,) N m to the springs' torques.
@@ -66,7 +69,7 @@ class FeedForward(Settings):
 class FeedForwardModel(
     Values, parts=(setting_fields(Model, "k_s", "eta"), setting_fields(FeedForward)), first="k_s eta mu lag"
 ):
-    """Model of the feed-forward: believed spring and belt, and its own settings."""
+    """Parameters of the controller's feed-forward: believed spring and belt, and the settings of the feed-forward."""
 
 
 FEED_FORWARD_RECORD = record_of(FeedForwardModel)
@@ -74,14 +77,17 @@ FEED_FORWARD_RECORD = record_of(FeedForwardModel)
 
 @njit(cache=True)
 def friction_force(mu, F_n, v_x, v_y):
-    """Friction force (F_x, F_y) in N by the robot on the surface, sliding at (v_x, v_y) m/s under F_n (N)."""
+    """Return the friction force (F_x, F_y) in N of the robot on the surface for a sliding velocity and a normal force.
+
+    The velocity (v_x, v_y) is in m/s, the normal force F_n in N.
+    """
     speed = math.sqrt(v_x * v_x + v_y * v_y + REST_SPEED * REST_SPEED)
     return mu * F_n * v_x / speed, mu * F_n * v_y / speed
 
 
 @njit(cache=True, error_model="numpy")
 def load_torques(J, f_x, f_y, f_z):
-    """Joint torques tau_l (N m) with J^T tau_l = F, for the Jacobian J (9,) row by row."""
+    """Return the joint torques tau_l (N m) for a force F on the environment, tau_l = J^-T F."""
     a, b, c, d, e, f, g, h, i = J[0], J[1], J[2], J[3], J[4], J[5], J[6], J[7], J[8]
     # rows of the inverse of J^T are the cross products of J's rows
     x_1, y_1, z_1 = e * i - f * h, f * g - d * i, d * h - e * g

@@ -81,9 +81,9 @@ class Belief(
         setting_fields(Processor, "dead_zone"),
     ),
 ):
-    """The controller's model, SI: [controller.model], and the half width `backlash` of the springs' dead zone.
+    """The robot model that the controller believes, SI: [controller.model] and the springs' dead zone `backlash`.
 
-    The dead zone is on the motor's side; 0 for the paper's estimator, which ignores it.
+    `backlash` is the half width of the dead zone on the motor's side; 0 for the paper's estimator, which ignores it.
     """
 
 
@@ -97,17 +97,18 @@ ESTIMATOR_MEMORY = record(
 
 @njit(cache=True)
 def angle(count, counts_per_turn, zero):
-    """Angle (rad) of an encoder count."""
+    """Convert an encoder count to an angle (rad)."""
     return count * (2.0 * np.pi / counts_per_turn) - zero
 
 
 @njit(cache=True)
 def estimate(belief, gravity_compensation, count_m, count_l, y):
-    """Compute the record `y` of `ESTIMATE_RECORD` from motor and joint counts, (3,) each; NaN where no pose fits.
+    """Estimate position and force of the end-effector from encoder counts; NaN where no pose fits the counts.
 
-    The believed dead zone of the springs is subtracted from the deflection.
-    F_ee_B = J^T (tau_l + arm gravity) - weight e_z: Eq. 21-27 corrected and gravity-compensated; without compensation
-    J^T tau_l, the paper's own form.
+    The counts of motors and joints are (3,) each; the result is written to the record `y` of `ESTIMATE_RECORD`.
+
+    The believed dead zone of the springs is subtracted from the deflection. F_ee_B = J^T (tau_l + arm gravity) - weight
+    e_z: Eq. 21-27 corrected and gravity-compensated; without compensation J^T tau_l, the paper's own form.
     """
     for i in range(3):
         y.theta_m[i] = angle(count_m[i], belief.motor_counts, belief.motor_zero[i])
@@ -143,7 +144,7 @@ def estimator_step(m, t, h, u, y):
 
 
 class Estimator(NativeComponent):
-    """Sampled component: encoder counts in, position and force out.
+    """Sampled component of the paper's estimator: encoder counts in, position and force out.
 
     Args:
         belief: the controller's model of the robot.
@@ -160,14 +161,14 @@ class Estimator(NativeComponent):
 
 
 def controller_ports(inputs: Ports, outputs: Ports, adaptive: bool, tank: bool) -> tuple[Ports, Ports]:
-    """Ports of a controller with or without adaptive options, and with or without an energy tank behind it."""
+    """Return input and output ports of a controller, with or without adaptive options and an energy tank."""
     return inputs + (SHARE_PORT,) * tank, outputs + ADAPTIVE_OUTPUTS * adaptive
 
 
 class Law(
     Values, parts=(setting_fields(Model, "N"), setting_fields(Processor, "speed_limit"), setting_fields(ForceLoop))
 ):
-    """Settings of the force-position law, SI: believed belt ratio, limits, and start of the force loop.
+    """Settings of the force-position law, SI: believed belt ratio, limits, and the trigger of the force loop.
 
     It starts at a pressing force F_z above `trigger_force`, as in the caption of Fig. 4, or at `trigger_time`; infinity
     disables either. A pulling force never starts it.
@@ -190,7 +191,7 @@ LAW_MEMORY = record(
 
 @njit(cache=True)
 def reference_position(times, points, segment, t):
-    """Point (m) of the trajectory at `t` (s), and the index of its segment.
+    """Interpolate the reference trajectory linearly at time `t` (s); return the point (m) and its segment.
 
     Args:
         times: (n,) ascending, s.
@@ -217,7 +218,7 @@ def reference_position(times, points, segment, t):
 
 @njit(cache=True)
 def force_correction(law, pid, e, h):
-    """Shift dp_z (m) by the force loop for the force error `e` = F_z_ref - F_z (N)."""
+    """Return the shift dp_z (m) of the z reference by the force loop for the force error `e` = F_z_ref - F_z (N)."""
     u, integral = proposal(pid, e, h)
     if abs(u) <= law.dp_z_max:
         accept(pid, integral)
@@ -226,7 +227,7 @@ def force_correction(law, pid, e, h):
 
 @njit(cache=True, error_model="numpy")
 def unwind_integral(pid, z, share, h):
-    """Reduce the integral by the share of the last command that an energy tank has withheld.
+    """Reduce the force loop's integral if an energy tank has withheld a part of the last command.
 
     This back-calculation prevents windup, within half of the integral's own time kp/ki (Åström and Hägglund 2006,
     Advanced PID Control, Sec. 3.5). Upward motion is never withheld.
@@ -242,7 +243,7 @@ def unwind_integral(pid, z, share, h):
 
 @njit(cache=True)
 def motor_speeds(law, pids, J, p_B, p_cmd_B, lead, h, omega_ref):
-    """Compute omega_ref (3,), rad/s, of the position loop from `p_B` to `p_cmd_B` (3,), m.
+    """Compute the motor speeds omega_ref (3,), rad/s, that move the platform from `p_B` to `p_cmd_B` (3,), m.
 
     The feed-forward `lead` (3,), rad/s, is added; each speed is limited to +-omega_max.
     """
@@ -262,7 +263,7 @@ def motor_speeds(law, pids, J, p_B, p_cmd_B, lead, h, omega_ref):
 
 @njit(cache=True, inline="always")
 def control(m, t, h, u, y, shift):
-    """Execute one call of the law, with its z reference additionally shifted by `shift` (m)."""
+    """Execute one call of the force-position law, with its z reference additionally shifted by `shift` (m)."""
     times, points = carray(doubles_at(m.times), m.way_points), carray(doubles_at(m.points), (m.way_points, 3))
     p_ref_B = y.p_ref_B
     p_ref_B[0], p_ref_B[1], p_ref_B[2], m.segment = reference_position(times, points, m.segment, t)
@@ -280,7 +281,7 @@ ADAPTIVE_MEMORY = with_adaptive(LAW_MEMORY)
 
 @cache
 def make_step(adaptive, tank):
-    """Compile the step of the law, with or without adaptive options and an energy tank behind it."""
+    """Compile the step function of the paper's controller, with or without adaptive options and an energy tank."""
 
     @step_function(
         ADAPTIVE_MEMORY if adaptive else LAW_MEMORY, *controller_ports(LAW_INPUTS, LAW_OUTPUTS, adaptive, tank)
@@ -303,7 +304,7 @@ def make_step(adaptive, tank):
 
 
 class Controller(NativeComponent):
-    """Sampled component: estimates in, motor speeds out.
+    """Sampled component of the paper's controller: position and force estimates in, motor speeds out.
 
     Args:
         law: settings.
@@ -354,7 +355,7 @@ def way_step(m, t, h, u, y):
 
 
 class WayPointReference(NativeComponent):
-    """Sampled component: the point of the trajectory at t_k.
+    """Sampled component that outputs the point of the reference trajectory at each sample.
 
     Args:
         times, points: waypoints, (n,) s ascending and (n, 3) m.

@@ -33,7 +33,7 @@ def speed_loop_step(m, t, h, u, y):
 
 
 class DriveSpeedLoop(NativeComponent):
-    """Sampled component: speed error in, command of the drive out.
+    """Sampled component of twin's velocity loop: speed error in, command of the drive out.
 
     Args:
         gains: PI from rad/s to the command's SI unit.
@@ -48,7 +48,7 @@ class DriveSpeedLoop(NativeComponent):
 
 
 class Servo(NamedTuple):
-    """Angle convention and limits of a servo, whose angle is phi = ratio (theta_m - zero).
+    """Angle convention and limits of a position-controlled servo, whose angle is phi = ratio (theta_m - zero).
 
     Attributes:
         zero: motor angle at phi = 0 (rad).
@@ -84,7 +84,9 @@ def position_step(m, t, h, u, y):
 
 
 class DriveSpeedIntegrator(NativeComponent):
-    """Sampled component: speed in, angle command of the drive out; motion cut by limits and lead is not made up for.
+    """Sampled component before a position-controlled drive: speed command in, angle command out.
+
+    Motion cut by limits and lead is not made up for.
 
     Args:
         servo: angle convention and limits of the drive.

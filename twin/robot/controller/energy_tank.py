@@ -98,7 +98,7 @@ class Tank(
         setting_fields(Model, "k_s", "N", "eta"),
     ),
 ):
-    """The tank's settings and the series elastic joint as the controller believes it."""
+    """Parameters of the energy tank, and of the series elastic joint as the controller believes it."""
 
 
 TANK_RECORD = record_of(Tank)
@@ -113,7 +113,7 @@ TANK_MEMORY = record(
 
 @njit(cache=True, error_model="numpy")
 def passed_share(left, horizon, P, Q):
-    """Share of a command that uses no more than `left` (J) within `horizon` (s).
+    """Return the share (0 .. 1) of a command that uses no more than the remaining energy within the horizon.
 
     Args:
         left: remaining energy; if negative, the result is the share that returns most of the deficit.
@@ -129,7 +129,9 @@ def passed_share(left, horizon, P, Q):
 
 @njit(cache=True, error_model="numpy")
 def _yield_to_torque(tank, tau, left, rise, J, omega_ref, passed):
-    """Compute the motor speeds for an overdrawn store: every motor yields to its torque, even without a command.
+    """Compute motor speeds that return energy when the tank is overdrawn: every motor yields to its torque.
+
+    The motors yield even without a command.
 
     Args:
         tau: joint torques (3,), N m; motors do not yield to torques within the error `bias`.
@@ -162,18 +164,19 @@ def _yield_to_torque(tank, tau, left, rise, J, omega_ref, passed):
 
 @njit(cache=True)
 def _lift(omega_ref, F, touch):
-    """Common upward speed (rad/s, <= 0) of all motors if none pulls at the environment.
+    """Return a common upward motor speed (rad/s, <= 0) that is allowed with an overdrawn tank; 0 if none is allowed.
 
-    Such a motion gives the body below no energy.
+    It is allowed only while the environment is not pulled; the body below then receives no energy.
     """
     return min(max(omega_ref[0], omega_ref[1], omega_ref[2]), 0.0) if F[2] < touch else 0.0
 
 
 @njit(cache=True)
 def _joint_travel(turned, J, p, p_before):
-    """Travel of the joints (rad) from `p_before` to `p` (3,), m, less JOINT_PLAY at each reversal.
+    """Return the travel of all joints (rad) during a motion of the platform, less JOINT_PLAY at each reversal.
 
-    `turned` (3,) is its state.
+    The platform moves from `p_before` to `p` (3,), m. `turned` (3,) is the play taken up by each joint, updated in
+    place.
     """
     way = 0.0
     for i in range(3):
@@ -244,7 +247,7 @@ def tank_step(m, t, h, u, y):
 
 
 class TankValve(NativeComponent):
-    """Sampled component: commanded motor speeds in, permitted speeds out.
+    """Sampled component of the energy tank: commanded motor speeds in, permitted speeds out.
 
     Args:
         tank: settings.

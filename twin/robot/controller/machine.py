@@ -45,27 +45,30 @@ MAX_TURN_TIME = 0.1
 
 @njit(cache=True)
 def smooth(x):
-    """The cubic 3 x^2 - 2 x^3 from 0 to 1 with zero slope at both ends; 0 before, 1 after."""
+    """Evaluate the smooth step 3 x^2 - 2 x^3, with zero slope at 0 and 1; 0 before, 1 after."""
     x = min(max(x, 0.0), 1.0)
     return x * x * (3.0 - 2.0 * x)
 
 
 @njit(cache=True)
 def _smooth_area(x):
-    """Integral of `smooth` from 0 to x <= 1."""
+    """Return the integral of the smooth step 3 x^2 - 2 x^3 from 0 to x <= 1."""
     return x * x * x * (1.0 - 0.5 * x)
 
 
 @njit(cache=True)
 def line_speed(phase, length):
-    """Speed (m/s) on a line of `length` (m): the requested one, or less if the line is too short for both ramps."""
+    """Return the speed (m/s) of a phase on a line of `length` (m).
+
+    It is the requested speed, or less if the line is too short for both ramps.
+    """
     ramps = phase.ramp_in + phase.ramp_out
     return phase.speed if 2.0 * length >= phase.speed * ramps else 2.0 * length / ramps
 
 
 @njit(cache=True)
 def line_time(phase, length):
-    """Duration (s) of the motion on a line of `length` (m)."""
+    """Return the duration (s) of a phase's motion on a straight line of `length` (m)."""
     if length == 0.0:
         return 0.0
     return length / line_speed(phase, length) + 0.5 * (phase.ramp_in + phase.ramp_out)
@@ -73,11 +76,10 @@ def line_time(phase, length):
 
 @njit(cache=True)
 def line_share(phase, length, t):
-    """Path (m) and speed (m/s) along a line of `length` at `t` (s) from its start.
+    """Return path (m) and speed (m/s) along a line of `length` at `t` (s) from the start of the motion.
 
     The speed rises along `smooth` within ramp_in and falls likewise within ramp_out, so position, speed and
-    acceleration
-    are continuous, except that a ramp of 0 is a step in speed.
+    acceleration are continuous, except that a ramp of 0 is a step in speed.
     """
     total = line_time(phase, length)
     if t >= total or length == 0.0:
@@ -96,13 +98,16 @@ def line_share(phase, length, t):
 
 @njit(cache=True)
 def circle_time(phase):
-    """Duration (s) of a circle including its spirals."""
+    """Return the duration (s) of a circular motion including the spirals at its start and end."""
     return (phase.turns + 2.0) / phase.rate
 
 
 @njit(cache=True)
 def circle_offset(phase, t):
-    """Offset (x, y) in m and velocity (v_x, v_y) in m/s from the centre at `t` (s); at rest there at both ends."""
+    """Return the offset (x, y) in m from the centre and velocity (v_x, v_y) in m/s of a circular motion at `t` (s).
+
+    The motion starts and ends at rest in the centre.
+    """
     total = circle_time(phase)
     if t <= 0.0 or t >= total:
         return 0.0, 0.0, 0.0, 0.0
@@ -118,13 +123,13 @@ def circle_offset(phase, t):
 
 @njit(cache=True)
 def motion_time(phase, length):
-    """Duration (s) of the phase's motion, on a line of `length` (m) or on its circle."""
+    """Return the duration (s) of a phase's motion, on a line of `length` (m) or on its circle."""
     return circle_time(phase) if phase.radius > 0.0 else line_time(phase, length)
 
 
 @njit(cache=True)
 def motion(phase, start, end, length, t, p, v):
-    """Compute the reference position `p` (3,) m and velocity `v` (3,) m/s at `t` (s) after the phase began."""
+    """Compute the reference position `p` (3,) m and velocity `v` (3,) m/s at time `t` (s) since the phase began."""
     for i in range(3):
         p[i], v[i] = start[i], 0.0
     if phase.radius > 0.0:
@@ -140,7 +145,7 @@ def motion(phase, start, end, length, t, p, v):
 
 @njit(cache=True)
 def enter_line(m, phase):
-    """Set the phase's line from the present reference to its end."""
+    """Set the straight line of a new phase, from the present reference to the phase's target."""
     squared = 0.0
     for i in range(3):
         m.start[i] = m.p[i]
@@ -153,7 +158,10 @@ def enter_line(m, phase):
 
 @njit(cache=True)
 def enter_phase(m, phases, index, t, F_z, dp_z):
-    """Begin phase `index` at `t` (s) from the present reference, at the pressing force `F_z` (N).
+    """Begin a phase of the task program from the present reference.
+
+    It begins at `t` (s), at the pressing force `F_z` (N). If the force loop ends, its correction `dp_z` (m) is added to
+    the reference, which then does not jump.
 
     If the force loop ends, its correction `dp_z` (m) is added to the reference, which then does not jump.
     """
@@ -178,7 +186,7 @@ def enter_phase(m, phases, index, t, F_z, dp_z):
 
 @njit(cache=True)
 def _due_phase(m, phase, t, h, z, v_z, F_z, F_rate):
-    """Index of the phase that is due now: the present one or a successor."""
+    """Return the index of the task phase that is due now: the present one or a successor."""
     over = t - m.entered > m.total - 0.5 * h
     if phase.until == PhaseEnd.FELT:
         if F_z >= phase.level:
@@ -206,7 +214,7 @@ def _due_phase(m, phase, t, h, z, v_z, F_z, F_rate):
 
 @njit(cache=True)
 def _time_to_turn(m, phase, z, h):
-    """Remaining time (s, at most `h`) of a tap before its reversal, if that is due before the next call; else 0."""
+    """Return the time (s) until a tap reverses, if it reverses before the next call; otherwise 0 or the period h."""
     if phase.until != PhaseEnd.TURN or m.v[2] >= 0.0:
         return 0.0
     return min(max((m.z_turn - z) / m.v[2] - m.t_turn, 0.0), h)
@@ -214,11 +222,10 @@ def _time_to_turn(m, phase, z, h):
 
 @njit(cache=True)
 def _detect_surface(m, phase, t, z, F):
-    """Detect the height at which the descending platform meets the surface, which may have moved since the last tap.
+    """Detect the height at which the descending platform meets the surface, and derive the tap's turning height.
 
     The unfiltered force `F` (N) is used, as a low-pass would detect contact deeper the faster the descent. It contains
-    the
-    platform's inertia, so detection waits until the platform is at speed. The robot's own compliance still delays
+    the platform's inertia, so detection waits until the platform is at speed. The robot's own compliance still delays
     detection in taps; the first tap after a probe measures by how much.
     """
     if not m.touching and F >= m.contact_force and t - m.entered >= phase.ramp_in:
@@ -237,11 +244,10 @@ def _detect_surface(m, phase, t, z, F):
 
 @njit(cache=True)
 def _turn_within(m, phase, t, h, rest):
-    """Reverse a tap `rest` seconds after `t`, before the next call at `t + h`.
+    """Reverse a tap between two calls of the controller, `rest` seconds after `t`.
 
     The command is held until then, so its speed is the mean of down and up: a reversal at the previous or next call
-    would
-    miss the depth by up to h times the speed.
+    would miss the depth by up to h times the speed.
     """
     down = m.v[2]
     m.p[2] += down * rest
@@ -254,7 +260,7 @@ def _turn_within(m, phase, t, h, rest):
 
 @njit(cache=True)
 def advance_machine(m, phases, t, h, z, F, F_z, F_rate, F_delay, dp_z):
-    """Advance phase and references to `t` (s): `m.p` (m), `m.v` (m/s) and `m.F_ref` (N).
+    """Advance the state machine of task phases to `t` (s), and compute its position, velocity and force references.
 
     Args:
         h: time since the previous call (s).

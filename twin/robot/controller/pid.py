@@ -21,7 +21,7 @@ LOW_PASS_RECORD = record(corner="f8", h="f8", share="f8")
 
 
 class Processor(Settings):
-    """The keys of [controller] itself."""
+    """The controller's general settings: the keys directly in [controller]."""
 
     mode: Literal["force_position", "position"] = setting(help="force and position, or position alone")
     period: float = setting("ms", gt=0, help="time between two commands")
@@ -40,12 +40,12 @@ class Processor(Settings):
 
 @njit(cache=True)
 def state_variable(damping, g, fast, slow, x):
-    """Step of a state-variable filter for the input `x`.
+    """Advance a second-order state-variable filter by one sample `x`.
 
     Returned are the low-passed `x`, its derivative over 2 pi f, its second derivative over (2 pi f)^2, and the two new
     states. It uses the trapezoidal rule, so the derivatives belong exactly to the output (Zavalishin 2012, The Art of
-    VA
-    Filter Design, Ch. 4).
+    VA Filter Design, Ch. 4).
+
 
     Args:
         damping: 1/Q.
@@ -68,7 +68,7 @@ class ScheduledGains(Settings):
 
 
 def schedule_error(points: Sequence[ScheduledGains]) -> str:
-    """Return an error message for invalid schedule points; "" for a valid schedule, or an empty one."""
+    """Return an error message for an invalid table of scheduled gains; "" if it is valid or empty."""
     if len(points) == 1:
         return "one point; expected two or more, for one is kp_mm_per_N and ki_mm_per_N_s"
     for number, (below, above) in enumerate(pairwise(points), start=2):
@@ -141,11 +141,11 @@ class ForceLoop(Settings):
 
 
 class Gains(Values, parts=(setting_fields(PositionLoop),)):
-    """Gains of one loop, SI: kp, ki, kd, and the corner of the derivative filter (0: unfiltered)."""
+    """PID gains of one control loop, SI, and the corner frequency of its derivative filter (0: unfiltered)."""
 
 
 def force_gains(table: ForceLoop) -> Gains:
-    """Return the gains of the force loop."""
+    """Convert the force loop's settings to its PID gains."""
     return Gains(**numbers(table, into="gains"))
 
 
@@ -153,19 +153,22 @@ PID_RECORD = record_of(Gains, **states(integral="f8", derivative="f8", error="f8
 
 
 def loop_record(gains: Gains) -> tuple:
-    """A record of dtype `PID_RECORD` at rest."""
+    """Return the memory record of a PID loop at rest, of dtype `PID_RECORD`."""
     return (*gains, 0.0, 0.0, 0.0, 0)
 
 
 @njit(cache=True)
 def low_pass_share(corner, h):
-    """Share of a new sample that a first-order low-pass with `corner` (Hz) takes over per period `h` (s)."""
+    """Return the filter coefficient of a discrete first-order low-pass with `corner` (Hz) and period `h` (s).
+
+    It is the share of a new sample in the output.
+    """
     return 1.0 - math.exp(-2.0 * math.pi * corner * h) if corner > 0.0 else 1.0
 
 
 @njit(cache=True)
 def cached_share(cache, corner, h):
-    """`low_pass_share`, recomputed only for a changed corner or period.
+    """Return the filter coefficient of a first-order low-pass, recomputed only for a changed corner or period.
 
     Args:
         cache: a record of `LOW_PASS_RECORD`, initially 0.
@@ -177,11 +180,10 @@ def cached_share(cache, corner, h):
 
 @njit(cache=True)
 def proposal(pid, e, h):
-    """Return the output of the loop for error `e`, and the new integral, which `accept` stores.
+    """Compute the output of a PID loop for error `e`; return it with the new integral, which is not stored yet.
 
     The derivative acts on the error and starts at 0. A caller with an output limit accepts the integral only within
-    that
-    limit, which prevents windup by conditional integration.
+    that limit, which prevents windup by conditional integration.
     """
     if pid.started and pid.kd != 0.0:
         rate = (e - pid.error) / h
@@ -194,11 +196,11 @@ def proposal(pid, e, h):
 
 @njit(cache=True)
 def accept(pid, integral):
-    """Store the proposed integral."""
+    """Store the proposed new integral of a PID loop."""
     pid.integral = integral
 
 
 @njit(cache=True)
 def reset_loop(pid):
-    """Reset the state of the loop."""
+    """Reset the integral and derivative of a PID loop."""
     pid.integral, pid.derivative, pid.error, pid.started = 0.0, 0.0, 0.0, 0

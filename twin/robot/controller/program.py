@@ -19,7 +19,7 @@ Point = tuple[float, float]
 
 
 class PhaseKind(IntEnum):
-    """Kind of a phase, in the words of Sec. III.B."""
+    """Kind of a task's phase, such as descent or hold, in the words of Sec. III.B."""
 
     TRAVEL = 1
     DESCEND = 2
@@ -37,12 +37,12 @@ class PhaseKind(IntEnum):
 
     @property
     def phrase(self) -> str:
-        """Text for the time line: `build-up`."""
+        """Name of the phase kind for the time line of a run: `build-up`."""
         return self.name.lower().replace("_", "-")
 
 
 class PhaseEnd(IntEnum):
-    """Condition that ends a phase."""
+    """Kind of condition that ends a task's phase."""
 
     ELAPSED = 0
     """Its motion has arrived and its duration is over."""
@@ -54,7 +54,9 @@ class PhaseEnd(IntEnum):
 
 
 class Phase(NamedTuple):
-    """One phase, SI. Its motion starts at the present reference, so a sequence of phases cannot jump.
+    """One phase of a massage task, SI: a motion and a force reference with a condition for its end.
+
+    The motion starts at the present reference, so a sequence of phases cannot jump.
 
     Attributes:
         kind: kind of the phase.
@@ -64,8 +66,7 @@ class Phase(NamedTuple):
         speed: speed along the line (m/s).
         ramp_in, ramp_out: acceleration and deceleration time (s).
         radius, rate, turns: circle about the starting point (m, Hz, 1), with one more turn to spiral out to it and one
-            to
-            spiral back; radius 0 for a straight line.
+            to spiral back; radius 0 for a straight line.
         force_on: whether the force loop acts.
         F_end: force reference reached within `duration` (N).
         duration: minimum duration (s).
@@ -175,7 +176,7 @@ TASK_KINDS: dict[str, type[Task]] = {"press": Press, "tap": Tap, "roll": Roll, "
 
 
 def program(approach: Approach, contact_force: float, tasks: Sequence[Task]) -> list[Phase]:
-    """Return the phases of `tasks` in order; the last phase stays above the last point for ever.
+    """Convert massage tasks to a table of phases, in order; the last phase stays above the last point for ever.
 
     Args:
         approach: motion between tasks.

@@ -21,7 +21,7 @@ from twin.robot.controller.tissue import Tissue
 
 
 class SchedulePoint(Values, parts=(setting_fields(ScheduledGains),)):
-    """Gains at a stiffness, SI."""
+    """Force loop gains on one tissue stiffness, SI."""
 
 
 class Scheduling(
@@ -29,7 +29,7 @@ class Scheduling(
     parts=(setting_fields(Tissue, "tolerance"), setting_fields(ForceLoop, "rate", "follow", "kp", "ki")),
     first="tolerance",
 ):
-    """Settings, SI: tolerated standard error over k_hat, and rates of the gains; kp and ki are the safe set."""
+    """Settings of gain scheduling, SI: tolerated relative error of the stiffness, rates of change, safe gains."""
 
 
 POINT_RECORD = record_of(SchedulePoint)
@@ -41,13 +41,15 @@ _points_at = pointer_to(POINT_RECORD)
 
 
 def schedule_table(points: Sequence[SchedulePoint]) -> np.ndarray:
-    """Return the points as an array for the compiled code."""
+    """Convert the scheduled gains to an array for the compiled code."""
     return np.array([tuple(point) for point in points], dtype=POINT_RECORD)
 
 
 @njit(cache=True, error_model="numpy")
 def gains_at(points, segment, k):
-    """Gains kp and ki at the stiffness `k` (N/m), constant beyond the ends, and the index of the segment.
+    """Interpolate the scheduled gains at stiffness `k` (N/m); return (kp, ki, index of the segment).
+
+    The gains are constant beyond the ends of the table.
 
     Args:
         segment: any index, such as the one returned last.
@@ -69,7 +71,7 @@ def gains_at(points, segment, k):
 
 @njit(cache=True, error_model="numpy")
 def schedule_gains(m, table, tissue, pid, h):
-    """Set the gains of the force loop `pid` for the estimated `tissue`.
+    """Set the gains of the force loop for the estimated tissue stiffness, without a jump of its output.
 
     Args:
         table: address of the points.
@@ -97,7 +99,7 @@ def schedule_gains(m, table, tissue, pid, h):
 
 @njit(cache=True, error_model="numpy")
 def follow_reference(m, spring, pid, F_ref, pressing, h):
-    """Feed-forward speed (m/s) of the motors for the reference `F_ref` (N); the integral is shifted accordingly."""
+    """Return the motors' feed-forward speed (m/s) for a changing force reference, and shift the loop's integral."""
     change = F_ref - m.F_ref if pressing else 0.0
     m.F_ref = F_ref
     if m.share == 0.0 or change == 0.0:

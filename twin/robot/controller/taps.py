@@ -54,7 +54,7 @@ and its requested force (N). speed, t_turn: its speed, and the planned lead time
 
 @njit(cache=True, error_model="numpy")
 def _update_probe(m, z, F):
-    """Update stiffness and depth measured by the probe so far."""
+    """Update the tissue stiffness and the indentation depth that the first slow press measures."""
     if m.kind != PhaseKind.PROBE:
         m.z_begun, m.F_begun, m.k = z, F, 0.0
     elif z < m.z_begun:
@@ -64,7 +64,7 @@ def _update_probe(m, z, F):
 
 @njit(cache=True, error_model="numpy")
 def _update_tap(m, machine, phase, elapsed, z, F):
-    """Detect the surface during a tap, and plan its reversal at the learned depth below."""
+    """Detect the surface during a tap, and plan the reversal at the learned depth below it."""
     if m.kind != PhaseKind.TAP:
         m.felt, m.peak, m.level, m.speed, m.t_turn = 0, 0.0, phase.level, phase.speed, machine.t_turn
     m.peak = max(m.peak, F)
@@ -78,7 +78,10 @@ def _update_tap(m, machine, phase, elapsed, z, F):
 
 @njit(cache=True, error_model="numpy")
 def _correct_depth(m, machine):
-    """Correct the depth of the next tap by the error of the last one, or its lead time if its force ended it."""
+    """Correct the depth of the next tap by the force error of the last one.
+
+    If the force ended the last tap before its depth, the lead time of the reversal is corrected instead.
+    """
     too_deep = m.share * (m.peak - m.level) / m.k
     if machine.z_lowest - machine.z_turn > UNREACHED_HEIGHT:
         machine.t_turn = min(max(m.t_turn + too_deep / m.speed, 0.0), MAX_TURN_TIME)
@@ -90,7 +93,7 @@ def _correct_depth(m, machine):
 
 @njit(cache=True, error_model="numpy")
 def learn_taps(m, tissue, machine, phase, t, h, z, F, J):
-    """Track the force of a tap; after it, correct the depth of the next one.
+    """Track the force of each tap, and correct the depth of the next tap by its error.
 
     Args:
         tissue: state of the tissue estimate, with the robot's own mass.

@@ -103,7 +103,7 @@ class Touch(Settings):
 
 @njit(cache=True)
 def write_feed_forward(m, phase, J, t, h, v_shift):
-    """Write the feed-forward motor speeds (rad/s) into `m.lead`, predicted by the drives' `lag` from `t`.
+    """Compute the feed-forward motor speeds (rad/s) into `m.lead`, predicted by the drives' `lag` from `t`.
 
     They follow the reference's motion, the springs' deflection, and an additional velocity `v_shift` (m/s) in z.
     """
@@ -128,7 +128,10 @@ def write_feed_forward(m, phase, J, t, h, v_shift):
 
 @njit(cache=True, inline="always")
 def control(m, t, h, u, y, shift, v_shift):
-    """Execute one call of machine and law, with a z reference shifted by `shift` (m), moving at `v_shift` (m/s)."""
+    """Execute one call of the task controller: state machine, then force-position law.
+
+    Its z reference is shifted by `shift` (m) and moves at `v_shift` (m/s).
+    """
     phases, machine = carray(_phases_at(m.phases), m.count), m.machine
     share = cached_share(m.low, m.law.corner, h)
     before = m.F_z
@@ -156,7 +159,7 @@ def control(m, t, h, u, y, shift, v_shift):
 
 @cache
 def make_step(adaptive, tank):
-    """Compile the step of the task controller, with or without adaptive options and an energy tank behind it."""
+    """Compile the step function of the task controller, with or without adaptive options and an energy tank."""
 
     @step_function(
         ADAPTIVE_TASK_MEMORY if adaptive else TASK_MEMORY, *controller_ports(TASK_INPUTS, TASK_OUTPUTS, adaptive, tank)
@@ -181,7 +184,7 @@ def make_step(adaptive, tank):
 
 
 class TaskController(NativeComponent):
-    """Sampled component: estimates in, motor speeds out, with a program of phases in between.
+    """Sampled component of the task controller: estimates in, motor speeds out, led by a program of phases.
 
     Args:
         law: settings; its F_z_ref and triggers are not used.
@@ -244,7 +247,10 @@ class Computer(Processor):
 
 
 def set_hold_point(system: System, p_B: Sequence[float]) -> None:
-    """Move the last waypoint, and the line of the current phase, to `p_B` (3,), m."""
+    """Move the point where the controller holds the platform to `p_B` (3,), m.
+
+    This changes the last waypoint, and the line of the current phase, in the memory of the system's controller.
+    """
     for component in system.components:
         if isinstance(component, (Controller, WayPointReference)):
             component.points[-1] = p_B

@@ -84,7 +84,7 @@ class Sensing(
         },
     ),
 ):
-    """Parameters of the tissue estimate, SI.
+    """Parameters of the tissue stiffness estimate, SI.
 
     `enough` and `doubtful` are standard errors over k_hat: the dither ends below the first and restarts above the
     second.
@@ -151,19 +151,19 @@ def _prepare(m, h):
 
 @njit(cache=True)
 def squares_of(J):
-    """Sum of the squares of the z column of the Jacobian `J` (9,), rad^2/m^2."""
+    """Return the sum of squares of the z column of the Jacobian `J` (9,), rad^2/m^2."""
     return J[2] * J[2] + J[5] * J[5] + J[8] * J[8]
 
 
 @njit(cache=True)
 def moving_mass(m, J):
-    """Mass (kg) that moves up and down in the pose of the Jacobian `J` (9,)."""
+    """Return the mass (kg) of the robot that moves up and down in the pose of the Jacobian `J` (9,)."""
     return m.mass + m.inertia * squares_of(J)
 
 
 @njit(cache=True, error_model="numpy")
 def update_pose(m, J):
-    """Update the robot's own pose-dependent properties from the Jacobian `J` (9,)."""
+    """Update the robot's pose-dependent mass, spring and noise in the tissue estimate from the Jacobian `J` (9,)."""
     m.squares = squares_of(J)
     m.moving = moving_mass(m, J)
     m.spring = m.joint_spring * m.squares
@@ -174,7 +174,7 @@ def update_pose(m, J):
 
 @njit(cache=True)
 def band_pass(stages, g, x):
-    """Band-pass `x` by two filters of gain 1 in the middle; return the output and its derivative over 2 pi f."""
+    """Filter `x` by a band-pass of two stages with gain 1 in the middle; return (output, derivative over 2 pi f)."""
     high = x
     for i in range(BAND_STAGES):
         stage = stages[i]
@@ -185,7 +185,7 @@ def band_pass(stages, g, x):
 
 @njit(cache=True)
 def _start_filters(m, z, F):
-    """Reset the filters to rest at the present height and force, at the start of contact."""
+    """Reset the filters of the tissue estimate to rest at the present height and force, at the start of contact."""
     for i in range(BAND_STAGES):
         m.z[i].fast, m.z[i].slow, m.F[i].fast, m.F[i].slow = 0.0, 0.0, 0.0, 0.0
     m.z_0, m.F_0, m.z_1, m.z_2, m.F_1 = z, F, z, z, F
@@ -195,26 +195,25 @@ def _start_filters(m, z, F):
 
 @njit(cache=True)
 def reset_estimate(m):
-    """Clear the normal equations; the last estimate stays until the next one."""
+    """Clear the normal equations of the tissue estimate; the last estimate stays valid until the next one."""
     m.n, m.zzz, m.zzF, m.zzF_late = 0.0, 0.0, 0.0, 0.0
     m.zz, m.zv, m.vv, m.zF, m.vF, m.FF = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 @njit(cache=True)
 def invalidate_estimate(m):
-    """Discard the estimate, as it belongs to another place."""
+    """Discard the tissue estimate, because it belongs to another place of the body."""
     reset_estimate(m)
     m.known, m.dithering, m.phase, m.age = 0, 0, 0.0, 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def _stiffness_variance(m, error, k, F_k, age, F):
-    """Present variance of k, including possible changes of the tissue since the estimate.
+    """Return the present variance of the estimated stiffness k, including possible changes of the tissue since.
 
     Tissue stiffens with force, at most in proportion, and differs between places. Time alone causes no doubt: tissue
-    softer
-    or stiffer by dk yields by F dk/k^2 more or less under the same force, so if the height has moved only as far as the
-    force explains, the stiffness is unchanged.
+    softer or stiffer by dk yields by F dk/k^2 more or less under the same force, so if the height has moved only as far
+    as the force explains, the stiffness is unchanged.
     """
     changed = STIFFENING_SHARE * abs(F - F_k) / max(F, F_k) if m.since > 0.0 else 0.0
     moved = abs(m.z_1 - m.z_k + (F - F_k) / k)
@@ -224,7 +223,10 @@ def _stiffness_variance(m, error, k, F_k, age, F):
 
 @njit(cache=True, error_model="numpy")
 def _solve_normal_equations(m, F):
-    """Solve the normal equations for k, c and the standard error of k, at their mean force."""
+    """Compute tissue stiffness k, damping c and the standard error of k from the accumulated normal equations.
+
+    A result that is less certain than the present one and consistent with it is ignored.
+    """
     det = m.zz * m.vv - m.zv * m.zv
     # z and v are a quarter swing apart; if they are not, a swing has only begun
     if det < 0.1 * m.zz * m.vv or m.n * m.keep < m.in_band:
@@ -256,7 +258,7 @@ def _solve_normal_equations(m, F):
 
 @njit(cache=True)
 def _update_means(recent, share, z_f, v_f, F_f):
-    """Update the means over the last half swing by one call."""
+    """Update the running means over the last half swing, with which the tissue estimate is tested, by one sample."""
     recent.zz += share * (z_f * z_f - recent.zz)
     recent.zv += share * (z_f * v_f - recent.zv)
     recent.vv += share * (v_f * v_f - recent.vv)
@@ -267,7 +269,10 @@ def _update_means(recent, share, z_f, v_f, F_f):
 
 @njit(cache=True)
 def _is_consistent(m):
-    """Whether the residual F_f + k z_f + c v_f is within the uncertainty of the estimate."""
+    """Whether the measured force agrees with the tissue estimate within its uncertainty.
+
+    The residual is F_f + k z_f + c v_f.
+    """
     recent, k, c = m.recent, m.k, m.c * m.omega
     crossed = k * recent.zF + c * recent.vF + k * c * recent.zv
     left = recent.FF + 2.0 * crossed + k * k * recent.zz + c * c * recent.vv
@@ -283,16 +288,17 @@ def _is_consistent(m):
 
 @njit(cache=True)
 def _is_learning(m):
-    """Whether the present motion is used for learning: motion caused by the robot, or any motion while k is in doubt.
+    """Whether the tissue estimate may use the present motion.
 
-    A surface bumpy enough to move in the band looks like soft tissue: force and height rise together.
+    It may use motion caused by the robot, and any motion while k is in doubt. A surface bumpy enough to move in the
+    band looks like soft tissue: force and height rise together.
     """
     return m.dithering or m.leading or m.dither == 0.0 or m.std > m.doubtful * m.k
 
 
 @njit(cache=True)
 def _drop_estimate(m, z, F):
-    """Discard an estimate that contradicts the force, and restart learning at once.
+    """Discard a tissue estimate that contradicts the measured force, and restart learning at once.
 
     The filters start from rest at the present values, so (K1) holds from here on, and the change itself is learned
     from.
@@ -304,7 +310,7 @@ def _drop_estimate(m, z, F):
 
 @njit(cache=True, error_model="numpy")
 def update_tissue(m, h, z, F, J, pressing):
-    """Update the estimate by one call.
+    """Update the estimate of tissue stiffness and damping by one sample of height and force.
 
     Args:
         z, F, J: estimated height (m), pressing force (N) and Jacobian (9,), unfiltered.
@@ -347,7 +353,7 @@ def update_tissue(m, h, z, F, J, pressing):
 
 @njit(cache=True, error_model="numpy")
 def _update_error(m, h, F):
-    """Update the standard error of the estimate."""
+    """Update the standard error of the estimated tissue stiffness."""
     if not m.known:
         m.std = m.std_late = MAX_STIFFNESS
         return

@@ -18,7 +18,7 @@ UNWRAP_MEMORY = record(turn="f8", theta=state("f8"))
 
 
 class Role(NamedTuple):
-    """A quantity of the drive contract.
+    """A quantity of the drive contract, such as the commanded speed or the shaft angle.
 
     Attributes:
         port: name, SI unit and meaning.
@@ -103,7 +103,7 @@ SHAFT_INPUT_ROLES = tuple(role._replace(causality="input", required=False) for r
 
 
 def drive_roles(command: Command, rotor: bool = False) -> tuple[Role, ...]:
-    """Return every role of a drive, inputs first.
+    """Return every quantity that a drive exchanges with the robot, inputs first, for a kind of command.
 
     Args:
         command: kind of command.
@@ -141,7 +141,7 @@ def rotor_step(m, t, h, u, y):
 
 
 class DriveRotor(NativeComponent):
-    """Continuous component: torques in, angle and speed of the shaft out.
+    """Continuous component of twin's motor shaft: torques in, angle and speed of the shaft out.
 
     Args:
         J: inertia at the motor shaft (kg m2).
@@ -166,7 +166,7 @@ def unwrap_step(m, t, h, u, y):
 
 
 class AngleUnwrapper(NativeComponent):
-    """Continuous component behind a drive's FMU: wrapped angle in, continuous angle out.
+    """Continuous component behind a drive's FMU: converts a wrapped angle to a continuous one.
 
     Args:
         turn: one turn of the servo, as an angle of the motor shaft (rad).

@@ -36,7 +36,7 @@ COMMAND_DIMENSIONS = [role.dimension for role in COMMAND_ROLES.values()]
 
 
 def unit_allows(variable: Variable, role: Role) -> bool:
-    """Whether the variable's unit allows the role; a missing unit does."""
+    """Whether an FMU variable's unit fits a role of the drive contract; a missing unit fits every role."""
     if not variable.unit:
         return True
     if variable.conversion is None or variable.conversion.dimension != role.dimension:
@@ -47,18 +47,24 @@ def unit_allows(variable: Variable, role: Role) -> bool:
 
 
 def can_play(variable: Variable, role: Role) -> bool:
-    """Whether causality, type and unit allow the role."""
+    """Whether an FMU variable can fill a role of the drive contract, by causality, type and unit."""
     return variable.causality == role.causality and _type_allows(variable, role)
 
 
 def _type_allows(variable: Variable, role: Role) -> bool:
-    """Whether type and unit allow the role: no strings or clocks; booleans and enumerations only if optional."""
+    """Whether an FMU variable can fill a role by type and unit.
+
+    Strings and clocks never can; booleans and enumerations only if the role is optional.
+    """
     counted = variable.kind >= 0 and (variable.type not in ("Boolean", "Enumeration") or not role.required)
     return counted and unit_allows(variable, role)
 
 
 def candidates(variables: Mapping[str, Variable], role: Role, taken: Collection[str] = ()) -> list[str]:
-    """Return the variables whose causality, type and unit allow `role`, most similar names first, without `taken` ones.
+    """Return the FMU variables that can fill a role by causality, type and unit, most similar names first.
+
+    Already taken variables are skipped. Local variables are used if no output fits; variables with a unit are
+    preferred.
 
     Local variables are used if no output fits; variables with a unit are preferred.
     """
@@ -74,7 +80,10 @@ def candidates(variables: Mapping[str, Variable], role: Role, taken: Collection[
 
 
 def likely_command(variables: Mapping[str, Variable], taken: Collection[str]) -> Command:
-    """Return the probable kind of command from the inputs outside `taken`; units count most, then names."""
+    """Return the probable kind of a drive's command (speed, torque ..) from its free inputs.
+
+    Units count most, then names.
+    """
     free = {command: candidates(variables, role, taken) for command, role in COMMAND_ROLES.items()}
     stated = [command for command, names in free.items() if any(variables[n].unit for n in names)]
     called = [
@@ -86,7 +95,7 @@ def likely_command(variables: Mapping[str, Variable], taken: Collection[str]) ->
 
 
 def best_candidates(variables: Mapping[str, Variable], role: Role, taken: set[str]) -> list[str]:
-    """Return the variables of the right causality and unit whose names match `role` best."""
+    """Return the FMU variables of the right causality and unit whose names match a role best."""
     # a command in "1" is a ratio, hardly an angle
     unstated = ("", "1") if role.port.unit == "rad" and role.causality == "input" else ("",)
     fitting = [n for n, v in variables.items() if n not in taken and v.unit not in unstated and can_play(v, role)]
@@ -98,7 +107,10 @@ def best_candidates(variables: Mapping[str, Variable], role: Role, taken: set[st
 
 
 def name_score(name: str, variable: Variable, role: Role) -> int:
-    """Score the match of name and description: 3 for a synonym, 2 if it contains one, 1 if described by one, else 0."""
+    """Return how well an FMU variable's name and description match a role, 0 .. 3.
+
+    3 for a synonym, 2 if the name contains one, 1 if the description does, else 0.
+    """
     lower = name.lower().rpartition(".")[2]
     words = re.split(r"[^a-z0-9]+", lower)
     if lower in role.synonyms:
@@ -110,7 +122,7 @@ def name_score(name: str, variable: Variable, role: Role) -> int:
 
 
 class AmbiguousRoles(InputRefused):
-    """A required role has no variable or several candidates; the message names the role."""
+    """Error for a required role of a drive with no or several candidate variables; the message names the role."""
 
 
 def ambiguity_message(
@@ -121,7 +133,7 @@ def ambiguity_message(
     unsure: list[Role],
     rotor: bool,
 ) -> str:
-    """Return the error message for unresolved roles, with the TOML that resolves them.
+    """Return the error message for roles without a clear variable, with the TOML that resolves them.
 
     Args:
         file: name of the drive in the message.
@@ -167,15 +179,14 @@ def ambiguity_message(
 
 @dataclass(frozen=True)
 class Wiring:
-    """The user's mapping of a drive.
+    """The user's mapping of a drive's FMU: command, sign, gear ratio, and the variable of each role.
 
     Attributes:
         command: kind of command.
         sign: -1 if the FMU turns in the opposite direction.
         gear_ratio: turns of its shaft per turn of the motor shaft theta_m.
         inputs, outputs: role -> the FMU's variable; "-name" if only that variable has the opposite sign, "name[rpm]" if
-            its
-            FMU declares no unit.
+            its FMU declares no unit.
         rotor: whether twin simulates the shaft.
     """
 
@@ -189,7 +200,7 @@ class Wiring:
 
 @dataclass(frozen=True)
 class Binding:
-    """A role and its variable: contract value = gain * FMU value + offset.
+    """A role of the contract and the FMU variable that fills it: contract value = gain * FMU value + offset.
 
     Attributes:
         role: role of the contract.
@@ -208,12 +219,12 @@ class Binding:
 
     @property
     def port(self) -> Port:
-        """Port of the contract, as wide as the variable: 3 for a drive with three axes in one FMU."""
+        """Port of the contract that the variable fills, as wide as the variable."""
         return replace(self.role.port, size=self.variable.size)
 
     @property
     def mapped_name(self) -> str:
-        """Name of the variable as written in a mapping."""
+        """Name of the variable as a mapping spells it: "-name" if it has the opposite sign."""
         return f"-{self.name}" if self.turned else self.name
 
     def __str__(self) -> str:
@@ -223,7 +234,7 @@ class Binding:
 
 
 def split_unit(text: str) -> tuple[str, str]:
-    """Split `speed_cmd[rpm]` of a mapping into the variable's name and its unit, "" without one."""
+    """Split an entry of a mapping such as `speed_cmd[rpm]` into variable name and unit; the unit is "" if missing."""
     found = _IN_UNIT.fullmatch(text)
     return (found["name"], found["unit"]) if found else (text, "")
 
@@ -231,7 +242,7 @@ def split_unit(text: str) -> tuple[str, str]:
 def with_units(
     file: str, variables: Mapping[str, Variable], mappings: Sequence[Mapping[str, Any]]
 ) -> tuple[dict[str, Variable], list[dict[str, Any]]]:
-    """Add the units in `mappings` to variables whose FMU declares no unit; return the mappings without units.
+    """Add the units stated in mappings to FMU variables without a unit; return variables, and mappings without units.
 
     A complete variable name such as `x[2]` is not split. A mapping has a name, or several, by role.
 
@@ -267,7 +278,7 @@ def with_units(
 
 
 class RoleChoice(NamedTuple):
-    """The variable for each role.
+    """The FMU variable chosen for each role of a drive.
 
     Attributes:
         chosen: role -> variable.
@@ -281,7 +292,7 @@ class RoleChoice(NamedTuple):
 
 
 def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tuple[Binding, ...]:
-    """Return a binding for every role of the contract that the drive fills: inputs first, in the contract's order.
+    """Map every role of the drive contract to the drive's FMU variable that fills it, inputs first.
 
     Args:
         file: name of the drive in error messages.
@@ -310,7 +321,7 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
 def fill_roles(
     file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role], table: str
 ) -> tuple[Binding, ...]:
-    """Return the bindings of the optional `roles` that variables fill, in order.
+    """Map the optional roles of a robot part to the FMU variables that fill them, in order.
 
     Args:
         file: name of the FMU in error messages.
@@ -348,7 +359,7 @@ def _bind_roles(
 
 
 def choose_variables(file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role]) -> RoleChoice:
-    """Choose the variables of the user's mapping, and of the other `roles` where there is a single answer.
+    """Choose an FMU variable for each role: the user's, else the only one that fits.
 
     Raises:
         InputRefused: unknown variable, wrong causality or unit, or one variable for two roles.
@@ -391,7 +402,7 @@ def _refuse_unknown_roles(file: str, wiring: Wiring, roles: Sequence[Role], owne
 
 
 def _check_variable(file: str, variables: Mapping[str, Variable], role: Role, name: str) -> str:
-    """Return `name` if that variable can fill `role`."""
+    """Return a mapped variable's name after checking that the variable can fill the role."""
     if name not in variables:
         offered = [n for n, v in variables.items() if v.causality == role.causality]
         there = f"its {role.causality}s are {', '.join(offered)}" if offered else f"it has no {role.causality}"
@@ -415,7 +426,7 @@ def _check_variable(file: str, variables: Mapping[str, Variable], role: Role, na
 
 
 class WireProposal(NamedTuple):
-    """A possible wire from output `source` to input `target`, "part.variable" each; `sure` if it has no alternative."""
+    """A possible wire between two parts of a drive, from output to input, "part.variable" each."""
 
     source: str
     target: str
@@ -423,12 +434,12 @@ class WireProposal(NamedTuple):
 
 
 def part_name(name: str) -> str:
-    """Return the part of a variable called "part.variable"."""
+    """Return the part's name of a variable called "part.variable"."""
     return name.partition(".")[0]
 
 
 def wire_error(variables: Mapping[str, Variable], source: str, target: str) -> str:
-    """Return the reason why a wire from `source` to `target` is impossible; "" if it is possible."""
+    """Return why a wire from `source` to `target` is impossible; "" if it is possible."""
     for end, causalities in ((source, ("output", "local")), (target, ("input",))):
         if end not in variables:
             return f"{end} does not exist"
@@ -441,11 +452,10 @@ def wire_error(variables: Mapping[str, Variable], source: str, target: str) -> s
 
 
 def propose_wires(variables: Mapping[str, Variable]) -> list[WireProposal]:
-    """Propose a wire for each input with an equally named output of another part, or a single one of its dimension.
+    """Propose wires between the parts of a drive, from equal names, or from a single output of the same dimension.
 
     The inputs left for the robot must include a load and a command: so inputs named like these are never wired by
-    dimension
-    alone, and if no input is left, no wire by dimension is sure.
+    dimension alone, and if no input is left, no wire by dimension is sure.
 
     Args:
         variables: variables of all parts, as "part.variable".
@@ -468,12 +478,12 @@ def propose_wires(variables: Mapping[str, Variable]) -> list[WireProposal]:
 
 
 def _is_robot_input(name: str) -> bool:
-    """Whether an input has the name of one that the robot feeds, or has no source."""
+    """Whether an input is probably fed by the robot or left open, judged by its name."""
     return any(word in _variable_name(name) for word in FED_INPUT_WORDS) or _variable_name(name) in SUPPLY_WORDS
 
 
 def _sources(variables: Mapping[str, Variable], target: str, measured: bool = False) -> Sequence[str]:
-    """Outputs of other parts that can feed `target`; `measured`: only if both state a unit."""
+    """Return the outputs of other parts that can feed an input; `measured` requires a unit at both ends."""
     return [
         name
         for name, v in variables.items()

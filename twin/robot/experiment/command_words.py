@@ -13,7 +13,7 @@ OPTION_KEYS = {"drive.fmu": "--drive", "contact.body": "--body"}
 
 
 def options(values: Mapping[str, Any], origins: Mapping[str, str]) -> list[str]:
-    """Return the command-line words that set values: `--drive`, `pmsm_foc.fmu`, `--set`, `seed=3`.
+    """Return the command-line options that set recorded values: `--drive`, `pmsm_foc.fmu`, `--set`, `seed=3`.
 
     Args:
         values: recorded values of the experiment.
@@ -36,13 +36,13 @@ def options(values: Mapping[str, Any], origins: Mapping[str, str]) -> list[str]:
 def run_words(
     experiment: str | Path, settings: Iterable[str] = (), drive: str | None = None, body: str | None = None
 ) -> tuple[str, ...]:
-    """Return the arguments of `twin run` that run `experiment`, from the arguments of `load_experiment`."""
+    """Return the arguments of `twin run` that run an experiment as it was loaded."""
     given = [("--drive", drive), ("--body", body), *(("--set", text) for text in settings)]
     return (str(experiment), *(word for option, value in given if value is not None for word in (option, value)))
 
 
 def repeating_words(summary: Mapping[str, Any], name: str, words: Sequence[str]) -> list[str]:
-    """Return the arguments of `twin run` that repeat a stored run.
+    """Return the arguments of `twin run` that repeat a stored run, from its summary and recording.
 
     A recording names files without their folders; only the summary beside it has the paths as typed.
 
@@ -60,12 +60,12 @@ def repeating_words(summary: Mapping[str, Any], name: str, words: Sequence[str])
 
 
 def run_command(words: Iterable[str]) -> str:
-    """Return the shell command `twin run` with `words`."""
+    """Return the shell command `twin run` with the given arguments, quoted where necessary."""
     return shlex.join(["twin", "run", *words])
 
 
 def _toml(value: object) -> str:
-    """Format a value for --set."""
+    """Format a value as TOML for the option --set."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):

@@ -38,7 +38,7 @@ def flatten(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
 
 @cache
 def _names_by_key(declared: DeclaredTables) -> dict[str, str]:
-    """Return the names without unit of all keys with a unit, by key of the experiment file."""
+    """Return the name without unit of each key of an experiment file, such as kp for kp_mm_per_N."""
     tables: dict[str, type[Settings]] = {
         **declared.tables,
         "drive": schema.Drive,
@@ -52,7 +52,10 @@ def _names_by_key(declared: DeclaredTables) -> dict[str, str]:
 
 
 def name_and_unit(declared: DeclaredTables, key: str) -> tuple[str, str]:
-    """Split `controller.force.kp_mm_per_N` into `controller.force.kp` and `mm/N`; names of drive parameters stay."""
+    """Split an experiment key into name and unit: `controller.force.kp_mm_per_N` gives `controller.force.kp`, `mm/N`.
+
+    Names of drive parameters are not split.
+    """
     tables, dot, last = key.rpartition(".")
     name = _names_by_key(declared).get(last, last) if ".parameters" not in tables else last
     words = last.removeprefix(f"{name}_").split("_") if name != last else []
@@ -72,7 +75,7 @@ def toml_text(value: Any) -> str:
 
 
 def recorded_comparable_values(declared: DeclaredTables, metadata: Metadata, where: Path) -> dict[str, str]:
-    """Return the comparable values of a recording's experiment, with the SHA-256 of every FMU file.
+    """Return a recorded experiment's values as text by key, for comparison, with the SHA-256 of every FMU.
 
     Raises:
         InputRefused: see `recorded_values` and `recorded_fmus`.
@@ -84,13 +87,16 @@ def recorded_comparable_values(declared: DeclaredTables, metadata: Metadata, whe
 
 
 def comparable_values(values: Mapping[str, Any], hashes: Mapping[str, str]) -> dict[str, str]:
-    """Return the comparable values of checked values, with hashes by file name."""
+    """Return an experiment's values as text by key, for comparison, with the SHA-256 of its files.
+
+    The title is left out.
+    """
     stated = {key: toml_text(value) for key, value in flatten(values) if key != "title"}
     return stated | {f"sha256 of {file}": sha256[:HASH_LENGTH] for file, sha256 in hashes.items()}
 
 
 def differing_values(facts: Sequence[ComparableValues]) -> dict[str, tuple[str, ...]]:
-    """Return the values that differ between `facts`, by key, one per experiment; "-" if missing.
+    """Return the values that differ between experiments: key -> one text per experiment, "-" if missing.
 
     Values derived from [robot] are listed once; hashes of files that only one experiment has are left out.
     """
@@ -104,7 +110,7 @@ def differing_values(facts: Sequence[ComparableValues]) -> dict[str, tuple[str, 
 
 
 def _follows(key: str, facts: Sequence[ComparableValues]) -> bool:
-    """Whether a value differs only because the value of [robot] does, which is listed already."""
+    """Whether a value differs only because the value of [robot] from which it was filled differs."""
     for filled in FROM_ROBOT:
         own = f"robot{key.removeprefix(filled)}"
         if key.startswith(f"{filled}.") and all(one.get(own) == one.get(key) for one in facts):
@@ -113,7 +119,7 @@ def _follows(key: str, facts: Sequence[ComparableValues]) -> bool:
 
 
 def robot_values(values: Mapping[str, Any], origins: Mapping[str, str]) -> dict[str, int]:
-    """Count the robot's own values, and the inherited ones that are assumptions.
+    """Count an experiment's own values of [robot], and the inherited ones that are assumptions.
 
     A value is inherited if value and origin match the robot shipped with twin, whether the experiment extends
     that file or `twin init` copied it. All others are own.
@@ -136,6 +142,6 @@ def robot_values(values: Mapping[str, Any], origins: Mapping[str, str]) -> dict[
 
 
 def robot_values_text(counts: Mapping[str, int]) -> str:
-    """Format the counts of `robot_values`."""
+    """Format the counts of [robot]'s values: `3 own values, 41 inherited assumptions; ...`."""
     own = f"{counts['own']} own value{'s' * (counts['own'] != 1)}"
     return f"{own}, {counts['assumed']} inherited assumptions; twin accuracy ranks them"

@@ -23,7 +23,7 @@ MAX_MAPPINGS = 8
 
 
 def joint_tables(drive: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
-    """Return the complete tables of the three joints, with absolute paths of FMUs.
+    """Return the complete drive tables of the three joints, with absolute paths of FMUs.
 
     A drive named by its folder takes missing values from the folder's mapping.toml.
 
@@ -61,12 +61,15 @@ def load_drive(fmu: str, folder: Path) -> schema.Drive:
 
 
 def drive_names(shelf: Path) -> list[str]:
-    """Return the sorted names of the folders in `shelf` that contain a drive."""
+    """Return the sorted names of the drives in a folder such as fmus/."""
     return sorted(f.name for f in shelf.glob("*") if (f / MAPPING_FILE).is_file() or any(f.glob("*.fmu")))
 
 
 def locate_drive(fmu: str, folder: Path) -> str:
-    """Return the absolute path of `fmu`, relative to the current folder or in fmus/, searched from `folder` upwards."""
+    """Return the absolute path of a drive: a path relative to the current folder, or a name in fmus/.
+
+    The folder fmus/ is searched from `folder` upwards.
+    """
     path = Path(fmu)
     # not Path.exists, which raises for a too long name
     if not os.path.exists(path):
@@ -76,7 +79,7 @@ def locate_drive(fmu: str, folder: Path) -> str:
 
 
 def complete_drive(table: dict[str, Any], folder: Path, mappings: int = MAX_MAPPINGS) -> dict[str, Any]:
-    """Merge `table` of a drive or another part with its mapping file, which may name another; make paths absolute."""
+    """Merge the table of a drive or another part with the mapping file that it names; make paths absolute."""
     table = copy.deepcopy(table)
     if isinstance(table.get("fmu"), str):
         path = locate_file(table["fmu"], folder)
@@ -101,7 +104,7 @@ def complete_drive(table: dict[str, Any], folder: Path, mappings: int = MAX_MAPP
 
 
 def _locate_parameter_files(table: Any, folder: Path) -> None:
-    """Make paths of files among the parameters of `table` absolute."""
+    """Make file paths among the parameters of a drive table absolute, in place."""
     given = table.get("parameters") if isinstance(table, dict) else None
     if not isinstance(given, dict):
         return
@@ -117,7 +120,7 @@ def _file_parameter(value: Any, folder: Path) -> Any:
 
 
 def _distribute_parameters(table: dict[str, Any], parts: Any) -> dict[str, Any]:
-    """Move the parameters "part.name" of a drive made of `parts` into the tables of the parts."""
+    """Move the parameters "part.name" of a drive into the tables of its parts."""
     given, own = table.get("parameters"), table.get("parts", {})
     # values that are not tables are refused later, with all other errors
     if not (isinstance(parts, dict) and isinstance(given, dict) and _are_tables(own)):
@@ -141,7 +144,7 @@ def _are_tables(parts: Any) -> bool:
 
 
 def _fmu_file(path: Path, folder: Path) -> Path:
-    """Return the .fmu file for `path`: itself, or `<folder>/<folder>.fmu` for a drive's folder."""
+    """Return the .fmu file of a drive: the path itself, or `<folder>/<folder>.fmu` for a drive's folder."""
     if os.path.isdir(path):
         inside = path / f"{path.name}.fmu"
         if os.path.isfile(inside):

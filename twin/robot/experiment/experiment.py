@@ -66,7 +66,7 @@ class TopLevelKeys(Settings):
 
 @dataclass(frozen=True)
 class Experiment:
-    """A checked experiment with everything that a run needs, SI.
+    """A checked experiment with all data that a run needs, SI.
 
     The tables are declared by the parts, by `schema.py` and by `program.py`.
 
@@ -119,7 +119,7 @@ class Experiment:
 
     @property
     def start(self) -> Triple:
-        """Initial platform position (m), at rest."""
+        """Platform position (m) at which the experiment starts, at rest."""
         if self.reference is not None:
             return self.reference.p[0]
         assert self.approach is not None
@@ -128,7 +128,7 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Tables:
-    """The valid tables of an experiment's file, SI.
+    """The valid tables of an experiment's file, SI, before the experiment is built.
 
     Attributes:
         by_name: tables; "head" has the keys outside any table.
@@ -150,7 +150,7 @@ class Tables:
 
 
 def checked_tables(declared: DeclaredTables, source: Source, folder: Path, mistakes: list[str]) -> Tables:
-    """Check the tables of `source`, which is completed in place.
+    """Check the tables of an experiment's file and complete its values in place.
 
     Args:
         declared: tables that an experiment may have.
@@ -180,7 +180,7 @@ def checked_tables(declared: DeclaredTables, source: Source, folder: Path, mista
 
 
 def experiment_of(name: str, tables: Tables, reference: WayPoints | None, source: Source) -> Experiment:
-    """Build the experiment from complete `tables`.
+    """Build the experiment from its complete tables and waypoints.
 
     Args:
         name: experiment name.
@@ -215,7 +215,7 @@ def experiment_of(name: str, tables: Tables, reference: WayPoints | None, source
 
 
 def _fill_from_robot(declared: DeclaredTables, values: dict[str, Any]) -> None:
-    """Fill missing values of [plant] and [controller.model] from [robot], in place."""
+    """Fill missing values of [plant] and [controller.model] with those from [robot], in place."""
     robot = values.get("robot")
     if not isinstance(robot, dict):
         return
@@ -233,7 +233,7 @@ def _fill_from_robot(declared: DeclaredTables, values: dict[str, Any]) -> None:
 
 
 def _with_numbered_values(known: dict[str, Any], own: dict[str, Any], table: str) -> dict[str, Any]:
-    """Return a table's `own` values, with elements such as `joint_zero_deg.2` merged into the vectors of `known`."""
+    """Return a table with values of single elements, such as `joint_zero_deg.2`, merged into whole vectors."""
     numbered = {
         key: with_numbers(value, known[key], f"{table}.{key}")
         for key, value in own.items()
@@ -245,7 +245,10 @@ def _with_numbered_values(known: dict[str, Any], own: dict[str, Any], table: str
 def _check_tables(
     declared: DeclaredTables, values: dict[str, Any], folder: Path, mistakes: list[str]
 ) -> tuple[dict[str, Any], dict[str, StandIn]]:
-    """Return valid tables and third-party parts; errors of the others are added to `mistakes`."""
+    """Check all tables of an experiment; return the valid tables and the third-party parts.
+
+    Error messages about the others are appended to `mistakes`.
+    """
     right: dict[str, Any] = {}
     stand_ins: dict[str, StandIn] = {}
     known = declared.tables
@@ -280,7 +283,7 @@ def _check_tables(
 
 
 def _ticks(tables: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
-    """Return durations and periods as whole ticks, by name."""
+    """Convert durations and periods of the experiment to whole ticks, by name."""
     wanted = {
         "duration": ("head", "duration", "duration_s"),
         "controller": ("controller", "period", "[controller] period_ms"),
@@ -307,7 +310,7 @@ def _ticks(tables: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
 
 
 def _joint_drives(drive: Any, folder: Path, mistakes: list[str]) -> list[schema.Drive]:
-    """Check the complete drives of the three joints; a common error is reported once."""
+    """Check the complete drive tables of the three joints; an error common to all is reported once."""
     if not isinstance(drive, dict):
         mistakes.append("missing table [drive]" if drive is None else f"[drive] = {drive!r}: expected a table")
         return []
@@ -323,19 +326,21 @@ def _joint_drives(drive: Any, folder: Path, mistakes: list[str]) -> list[schema.
 
 
 def with_plant(experiment: Experiment, **values: Any) -> Experiment:
-    """Return a copy of the experiment with other true values in [plant]."""
+    """Return a copy of the experiment with other true values of the robot, [plant]."""
     return replace(experiment, plant=experiment.plant.model_copy(update=values))
 
 
 def with_model(experiment: Experiment, **values: Any) -> Experiment:
-    """Return a copy of the experiment with other beliefs of the controller, [controller.model]."""
+    """Return a copy of the experiment with another robot model of the controller, [controller.model]."""
     computer = experiment.controller
     model = computer.model.model_copy(update=values)
     return replace(experiment, controller=computer.model_copy(update={"model": model}))
 
 
 def with_cosim(experiment: Experiment, **values: Any) -> Experiment:
-    """Return a copy with another tick (s), scheme, input mode or iteration count; durations in seconds stay.
+    """Return a copy of the experiment with another tick (s), coupling scheme, input mode or iteration count.
+
+    Durations in seconds stay.
 
     Args:
         experiment: experiment without faults, whose onsets are counted in ticks, too.
@@ -371,13 +376,13 @@ def with_cosim(experiment: Experiment, **values: Any) -> Experiment:
 
 
 def with_exact_encoders(experiment: Experiment) -> Experiment:
-    """Return a copy with encoders without rounding and noise, known to the controller."""
+    """Return a copy of the experiment whose encoders have no rounding and noise, also as the controller sees them."""
     counts = {"motor_counts_per_turn": EXACT_COUNTS, "joint_counts_per_turn": EXACT_COUNTS}
     return with_model(with_plant(experiment, motor_noise=0.0, joint_noise=0.0, **counts), **counts)
 
 
 def shorten(experiment: Experiment, duration: float) -> Experiment:
-    """Return a copy limited to the first `duration` seconds, in whole periods of the controller."""
+    """Return a copy of the experiment that ends after `duration` seconds, in whole periods of the controller."""
     period = experiment.controller_ticks
     ticks = max(1, round(duration / (period * experiment.cosim.tick))) * period
     return replace(experiment, duration_ticks=min(ticks, experiment.duration_ticks))

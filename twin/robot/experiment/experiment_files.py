@@ -19,7 +19,7 @@ def known_experiments() -> dict[str, Path]:
 
 
 def experiment_file(experiment: str | Path) -> Path:
-    """Find the file of an experiment.
+    """Find the file of an experiment, given by path or name.
 
     Args:
         experiment: a path relative to the current folder or the repository; or a name: NAME.toml in the current folder,
@@ -62,7 +62,7 @@ def no_sweep_message(experiment: Path) -> str:
 
 
 def _experiment_file(path: Path, shelf: str) -> Path | None:
-    """Return the file for a path, or for a name in `shelf`; None if the name is unknown."""
+    """Return the file for a path, or for a name in a subfolder such as experiments/; None if the name is unknown."""
     # not Path.is_file, which raises for a too long name
     if os.path.isfile(path):
         return path
@@ -73,7 +73,7 @@ def _experiment_file(path: Path, shelf: str) -> Path | None:
 
 
 def fill_from_body(source: Source, folder: Path) -> None:
-    """Complete [contact] of `source` from the body file that it names, values and origins, in place.
+    """Complete the [contact] table of an experiment in place from the body file that it names.
 
     Its own values stay. Without the key `body` nothing is done.
 

@@ -67,7 +67,7 @@ ALWAYS_DETECTED, NEVER_DETECTED = DetectionThreshold(ANY_MAGNITUDE, ANY_MAGNITUD
 
 @dataclass(frozen=True)
 class FaultKind:
-    """One kind of fault.
+    """One kind of fault of the catalogue: targets, magnitudes, and the expected detection by the monitor.
 
     Attributes:
         mechanism: implementation of the fault.
@@ -96,15 +96,15 @@ class FaultKind:
 
     @property
     def detection(self) -> Detection:
-        """Expected detection: always, at some magnitudes or in some places, or never."""
+        """When the safety monitor is expected to detect this kind of fault: always, in some cases, or never."""
         return "yes" if self.threshold == ALWAYS_DETECTED else "no" if self.threshold == NEVER_DETECTED else "if large"
 
     def expects_detection(self, magnitude: float | None, in_contact: bool) -> bool:
-        """Whether the monitor is expected to detect a fault of this magnitude, one of `magnitudes`."""
+        """Whether the safety monitor is expected to detect a fault of this kind and magnitude."""
         return self._is_reached_by(magnitude, self.threshold.contact if in_contact else self.threshold.free)
 
     def expects_excess(self, magnitude: float | None) -> bool:
-        """Whether the force is expected to exceed the monitor's limit at this magnitude, one of `magnitudes`."""
+        """Whether a fault of this kind and magnitude is expected to raise the force above the monitor's limit."""
         return self._is_reached_by(magnitude, self.excess_from)
 
     def _is_reached_by(self, magnitude: float | None, start: float | None) -> bool:
@@ -115,16 +115,16 @@ class FaultKind:
 
     @property
     def magnitude_key(self) -> str | None:
-        """TOML key of the magnitude; None without one."""
+        """TOML key of this fault kind's magnitude; None if it has no magnitude."""
         return f"magnitude_{self.unit}" if self.unit else None
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Keys of `TARGET_GROUPS` whose members are all targets of this kind."""
+        """Groups of targets, such as `all drives`, that this kind of fault can hit."""
         return tuple(group for group, members in TARGET_GROUPS.items() if set(members) <= set(self.targets))
 
     def members(self, target: str) -> tuple[str, ...]:
-        """Return the single targets of `target`, which is one of them or a group."""
+        """Return the single targets of a fault's `target`, which may be a group such as `all drives`."""
         return TARGET_GROUPS[target] if target in self.groups else (target,)
 
 
@@ -338,7 +338,7 @@ FAULT_KINDS: dict[str, FaultKind] = {
 
 
 def find_kind(number: int, name: str) -> FaultKind:
-    """Return the kind `name` of fault `number`.
+    """Look up a kind of fault by name in the catalogue; `number` is the fault's number for the error message.
 
     Raises:
         InputRefused: the kind is unknown.
@@ -349,7 +349,7 @@ def find_kind(number: int, name: str) -> FaultKind:
 
 
 def refuse_target(number: int, kind: str, target: str) -> None:
-    """Refuse a target that is neither a target nor a group of `kind`.
+    """Refuse a fault's target that is neither a target nor a target group of its kind.
 
     Raises:
         InputRefused: the target is invalid.
@@ -360,7 +360,10 @@ def refuse_target(number: int, kind: str, target: str) -> None:
 
 
 def expected_names(got: str, names: tuple[str, ...]) -> str:
-    """Return `expected 'a', 'b'; did you mean 'b'?`; for many names only the likely ones."""
+    """Return the end of an error message that lists the expected names and suggests the most similar one.
+
+    For many names only the likely ones are listed.
+    """
     hint = nearest(got, names, "", 3)
     if len(names) > MAX_LISTED_NAMES:
         return hint or "no such kind; docs/faults_reference.md lists them all, twin faults tries them"
@@ -406,7 +409,7 @@ class FaultTable(Settings):
 
 @cache
 def fault_table_model(known: FaultKind) -> type[FaultTable]:
-    """Return the model of a kind's [[fault]] table: `FaultTable` plus the keys of this kind or its mechanism."""
+    """Return the pydantic model of the [[fault]] table of one kind of fault."""
     own: dict[str, Any] = {}
     if known.magnitude_key:
         own["magnitude"] = (float, setting(known.unit or "", help="how much", **dict[str, Any](known.bounds)))
@@ -419,7 +422,7 @@ def fault_table_model(known: FaultKind) -> type[FaultTable]:
 
 
 def checked_faults(tables: Any, tick: float, mistakes: list[str]) -> tuple[Fault, ...]:
-    """Check the array of tables [[fault]]; the faults are in whole ticks and SI.
+    """Check the [[fault]] tables of an experiment and convert them to whole ticks and SI.
 
     Args:
         tables: array from the file; () if missing.
@@ -440,7 +443,7 @@ def checked_faults(tables: Any, tick: float, mistakes: list[str]) -> tuple[Fault
 
 
 def member_faults(fault: Fault) -> list[Fault]:
-    """Return a fault for each member of its target group; for a single target, `fault` itself."""
+    """Split a fault of a target group into one fault per member; a fault of a single target stays as it is."""
     return [replace(fault, target=target) for target in FAULT_KINDS[fault.kind].members(fault.target)]
 
 

@@ -28,12 +28,12 @@ Node = dict[str, Any]
 
 
 def schema_text(declared: DeclaredTables) -> str:
-    """Return the schema as the text of a file."""
+    """Return the JSON Schema of experiment files as the text of a file."""
     return json.dumps(experiment_json_schema(declared), indent=1) + "\n"
 
 
 def experiment_json_schema(declared: DeclaredTables) -> Node:
-    """Build the schema of an experiment file, and of the robots and bodies that it extends."""
+    """Build the JSON Schema of an experiment file, and of the robots and bodies that it extends."""
     defined: Node = {}
     head = _table(TopLevelKeys, defined)
     tables = {name: _table(model, defined) for name, model in declared.tables.items()}
@@ -68,7 +68,7 @@ def experiment_json_schema(declared: DeclaredTables) -> Node:
 
 
 class _SchemaGenerator(GenerateJsonSchema):
-    """Schema generator without titles derived from keys: editors show the key itself."""
+    """Generator of JSON Schema that leaves out titles derived from keys, because editors show the key itself."""
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         return False
@@ -91,21 +91,24 @@ def _array(tables: list[Node], description: str) -> Node:
 
 
 def _array_item(model: type[BaseModel], known: Node, defined: Node) -> Node:
-    """Return the schema of an item of an array of tables, with required keys, as items extend nothing."""
+    """Return the JSON Schema of one table in an array of tables, with its required keys.
+
+    Items of arrays extend nothing, so their keys can be required.
+    """
     table = _table(model, defined)
     required = [info.alias or name for name, info in model.model_fields.items() if info.is_required()]
     return {**table, "properties": {**table["properties"], **known}, "required": required}
 
 
 def _table(model: type[BaseModel], defined: Node) -> Node:
-    """Return the schema of `model`; the schemas that it refers to are added to `defined`."""
+    """Return the JSON Schema of a table; schemas that it refers to are added to `defined`."""
     made = model.model_json_schema(schema_generator=_SchemaGenerator)
     defined |= {name: _as_toml(node) for name, node in made.pop("$defs", {}).items()}
     return _as_toml(made)
 
 
 def _as_toml(table: Node) -> Node:
-    """Convert a pydantic model's schema to a table of the file: no key is required, and values may have a source."""
+    """Convert a pydantic model's JSON Schema to that of a TOML table: no key is required, values may have a source."""
     properties = {key: _value(node) for key, node in table["properties"].items()}
     return {
         "type": "object",
@@ -116,7 +119,7 @@ def _as_toml(table: Node) -> Node:
 
 
 def _value(node: Node) -> Node:
-    """Return the schema of a value: bare, or `{ value = .., source = ".." }` unless it is a table."""
+    """Return the JSON Schema of a value that may be bare or `{ value = .., source = ".." }`."""
     described = {key: node[key] for key in ("description", "default", "examples") if node.get(key) is not None}
     bare = _without_null({key: node[key] for key in node if key not in ("description", "default", "examples")})
     if "$ref" in bare:
@@ -133,7 +136,7 @@ def _value(node: Node) -> Node:
 
 
 def _without_null(node: Node) -> Node:
-    """Remove null from `node`: TOML has no null, missing keys are left out."""
+    """Remove null from a JSON Schema, because TOML has no null and missing keys are left out."""
     kinds = [kind for kind in node.get("anyOf", ()) if kind != {"type": "null"}]
     node = kinds[0] if len(kinds) == 1 else node
     entries = node.get("prefixItems", ())

@@ -37,7 +37,7 @@ _SIGNAL_SCHEMA: JsonDict = {"pattern": f"^({SIGNAL_PATTERN.pattern})$"}
 
 @dataclass(frozen=True)
 class Term:
-    """A signed term: a signal, a number, or an absolute value.
+    """A signed term of a requirement's formula: a signal, a number, or an absolute value.
 
     Attributes:
         sign: 1 or -1.
@@ -57,7 +57,10 @@ Sum = tuple[Term, ...]
 
 @dataclass(frozen=True)
 class Inequality:
-    """`smaller` <= `larger`; strict comparisons are equivalent, as their robustness is the same."""
+    """An inequality of a requirement's formula, `smaller` <= `larger`.
+
+    Strict comparisons are equivalent, as their robustness is the same.
+    """
 
     smaller: Sum
     larger: Sum
@@ -65,21 +68,21 @@ class Inequality:
 
 @dataclass(frozen=True)
 class Predicate:
-    """A boolean signal is true."""
+    """A predicate of a requirement's formula: a boolean signal is true."""
 
     signal: str
 
 
 @dataclass(frozen=True)
 class Negation:
-    """Negation of `operand`."""
+    """Negation of a requirement's formula."""
 
     operand: "Formula"
 
 
 @dataclass(frozen=True)
 class BooleanOp:
-    """Conjunction or disjunction of two formulas."""
+    """Conjunction or disjunction of two formulas of a requirement."""
 
     operator: Literal["and", "or"]
     left: "Formula"
@@ -88,7 +91,10 @@ class BooleanOp:
 
 @dataclass(frozen=True)
 class Temporal:
-    """`operand` holds always, or at least once, between `begin` and `end` (s) from now; None for the end of the run."""
+    """Temporal operator: `operand` holds always, or at least once, between `begin` and `end` (s) from now.
+
+    `end` is None for the end of the run.
+    """
 
     operator: Side
     operand: "Formula"
@@ -98,7 +104,7 @@ class Temporal:
 
 @dataclass(frozen=True)
 class UntilFormula:
-    """`goal` holds once within the interval, and `hold` at all ticks before."""
+    """Temporal operator: `goal` holds once within the interval, and `hold` at all ticks before."""
 
     hold: "Formula"
     goal: "Formula"
@@ -110,7 +116,7 @@ Formula = Inequality | Predicate | Negation | BooleanOp | Temporal | UntilFormul
 
 
 def parse_requirement(text: str) -> Formula:
-    """Parse a formula.
+    """Parse the text of a requirement, a formula of signal temporal logic.
 
     Raises:
         ValueError: the formula is invalid; the message shows the position.
@@ -128,7 +134,7 @@ def parse_requirement(text: str) -> Formula:
 
 
 def signals_of(formula: Formula) -> Iterator[tuple[str, int | None]]:
-    """Yield (name, index) of every signal in `formula`."""
+    """Yield (name, index) of every signal that a requirement's formula contains."""
     match formula:
         case Inequality(smaller, larger):
             yield from _term_signals((*smaller, *larger))
@@ -150,7 +156,7 @@ def _term_signals(terms: Sum) -> Iterator[tuple[str, int | None]]:
 
 
 class _FormulaReader:
-    """A recursive-descent parser; `token` is the next token, "" at the end."""
+    """Recursive-descent parser of a requirement's formula; `token` is the next token, "" at the end."""
 
     def __init__(self, text: str):
         self._text, self._place = text, 0
@@ -395,7 +401,7 @@ MEASURE_KINDS: dict[str, type[Measure]] = {
 
 
 def checked_measures(tables: Any, duration: float, mistakes: list[str]) -> tuple[Measure, ...]:
-    """Return the valid measures of the array of tables [[measure]].
+    """Check the [[measure]] tables of an experiment and return the valid measures.
 
     Args:
         tables: array from the file; () if missing.

@@ -34,7 +34,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def unit_hints(values: Mapping[str, Any]) -> list[str]:
-    """Return a message for each length that would be plausible in m or um rather than in mm.
+    """Return a message for each length in mm that would be plausible if it had been given in m or um.
 
     Args:
         values: values of an experiment, as `Experiment.values`, checked or not.
@@ -80,7 +80,7 @@ def _is_number(value: Any) -> TypeGuard[float]:
 
 
 class _LiteralTable:
-    """A hashable table that compares by its text: 1 differs from 1.0, and -0.0 from 0.0."""
+    """Hashable copy of a table that compares by its text: 1 differs from 1.0, and -0.0 from 0.0."""
 
     def __init__(self, table: Any):
         self.table, self._text = table, repr(table)
@@ -99,7 +99,7 @@ def _validate(model: type[Model], literal: _LiteralTable) -> Model:
 
 
 def check_table(model: type[Model], table: Any, name: str, mistakes: list[str]) -> Model | None:
-    """Validate [name] by `model`; None after adding an error message for each error to `mistakes`."""
+    """Validate a table of the experiment by its pydantic model; None after appending error messages to `mistakes`."""
     try:
         return _validate(model, _LiteralTable(table))
     except ValidationError as error:
@@ -108,7 +108,7 @@ def check_table(model: type[Model], table: Any, name: str, mistakes: list[str]) 
 
 
 def check_kind(kinds: Mapping[str, type[Model]], table: Any, name: str, mistakes: list[str]) -> Model | None:
-    """Validate a table by the model of `kinds` that its key `kind` selects, like `check_table`."""
+    """Validate a table by the model that its key `kind` selects; None after appending error messages to `mistakes`."""
     kind = table.get("kind") if isinstance(table, Mapping) else None
     if not isinstance(kind, str) or kind not in kinds:
         mistakes.append(f"[{name}] kind = {kind!r}: expected {', '.join(map(repr, kinds))}")
@@ -117,7 +117,10 @@ def check_kind(kinds: Mapping[str, type[Model]], table: Any, name: str, mistakes
 
 
 def numbered_tables(tables: Any, name: str, mistakes: list[str]) -> Iterable[tuple[int, Any]]:
-    """Return the tables of the array [[name]], numbered from 1; empty, with an error message, for a single table."""
+    """Return the tables of an array of tables with their numbers from 1.
+
+    A single table in place of an array gives an error message, and no tables.
+    """
     if isinstance(tables, tuple):
         return enumerate(tables, start=1)
     mistakes.append(f"[{name}]: a single table; {name}s are an array of tables, write [[{name}]]")
@@ -125,23 +128,26 @@ def numbered_tables(tables: Any, name: str, mistakes: list[str]) -> Iterable[tup
 
 
 def error_messages(error: ValidationError, model: type[BaseModel], table: str) -> list[str]:
-    """Return one message per error in [table], described by `model`."""
+    """Convert pydantic's validation errors of a table to messages, one per error."""
     return [_error_message(detail, model, table) for detail in error.errors()]
 
 
 def type_error_messages(error: ValidationError, model: type[BaseModel], table: str) -> list[str]:
-    """Return the messages for values of a wrong type only, without missing, unknown or out-of-range keys."""
+    """Convert only the validation errors about wrong types to messages.
+
+    Missing, unknown and out-of-range keys are ignored.
+    """
     wrong = (*_EXPECTED_TYPES, "literal_error")
     return [_error_message(detail, model, table) for detail in error.errors() if detail["type"] in wrong]
 
 
 def unknown_key(key: str, known: list[str]) -> str:
-    """Return the message `unknown key 'kp'; did you mean 'kp_per_s'?`"""
+    """Return the error message for an unknown key: `unknown key 'kp'; did you mean 'kp_per_s'?`"""
     return f"unknown key '{key}'; {nearest(key, known)}"
 
 
 def toml_keys(model: type[BaseModel]) -> list[str]:
-    """Return the TOML keys of `model`."""
+    """Return the TOML keys of a table's pydantic model."""
     return [info.alias or name for name, info in model.model_fields.items()]
 
 
@@ -183,7 +189,7 @@ def _error_message(detail: Any, model: type[BaseModel], table: str) -> str:
 
 
 def _nested_keys(key: str, owner: type[BaseModel]) -> str:
-    """Suggest keys of the subtable for a misplaced one: `'force.reference_N'` for force_N; "" without a match."""
+    """Suggest the keys of subtables that an unknown key may mean: `'force.reference_N'` for force_N; "" without one."""
     table, _, unit = key.rpartition("_")
     model = next(
         (nested_model(f.annotation) for name, f in owner.model_fields.items() if table == (f.alias or name)), None
@@ -196,7 +202,7 @@ def _nested_keys(key: str, owner: type[BaseModel]) -> str:
 
 
 def nested_model(annotation: Any) -> type[BaseModel] | None:
-    """Return the model in a field's `annotation`; None if the field is not a table."""
+    """Return the pydantic model of a field that is a table; None for any other field."""
     kinds = (annotation, *get_args(annotation))
     return next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)), None)
 

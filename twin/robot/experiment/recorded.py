@@ -23,7 +23,7 @@ MAX_LISTED_ERRORS = 3
 
 
 class RecordedFmu(BaseModel):
-    """Description of an FMU in a recording, as written by `twin.robot.run.run`."""
+    """Description of an FMU in the metadata of a recording, as written by `twin.robot.run.run`."""
 
     file: str
     sha256: str
@@ -41,7 +41,7 @@ class RecordedFmu(BaseModel):
 
 
 def recorded_name(metadata: Metadata, where: Path) -> str:
-    """Return the name of a recording's experiment; "unknown experiment" if missing.
+    """Return the name of the experiment stored in a recording; "unknown experiment" if missing.
 
     Raises:
         InputRefused: the name is invalid. Results folders are named after it, and a recording is untrusted.
@@ -53,7 +53,7 @@ def recorded_name(metadata: Metadata, where: Path) -> str:
 
 
 def recorded_values(declared: DeclaredTables, metadata: Metadata, where: Path) -> dict[str, Any]:
-    """Return the checked values of a recording's experiment, keys with units; empty if missing.
+    """Return the checked values of the experiment stored in a recording, keys with units; empty if missing.
 
     Unknown and missing keys are accepted, as the recording may come from another version.
 
@@ -71,7 +71,7 @@ def recorded_values(declared: DeclaredTables, metadata: Metadata, where: Path) -
 
 
 def recorded_fmus(metadata: Metadata, where: Path) -> dict[str, dict[str, Any]]:
-    """Return the recorded fields of `RecordedFmu` of each drive's FMUs, by `drive_1` or `drive_1.part`.
+    """Return the recorded description of each FMU of the drives, by `drive_1` or `drive_1.part`.
 
     Raises:
         InputRefused: the fields are invalid.

@@ -43,14 +43,14 @@ Method = Literal["cvode", "rk4"]
 
 
 class ChangeableSetting(NamedTuple):
-    """A setting that may change during a run: its table, and its name there."""
+    """A setting that may change during a run: its table and its name in that table."""
 
     table: type[Settings]
     name: str
 
 
 def nested_tables(model: type[Settings], path: str) -> dict[str, type[Settings]]:
-    """Return the table `model` at the dotted `path`, and all tables nested in it, by path."""
+    """Return a table's model and the models of all tables nested in it, by dotted path."""
     found = {path: model}
     for name, info in model.model_fields.items():
         inner = nested_model(info.annotation)
@@ -61,7 +61,7 @@ def nested_tables(model: type[Settings], path: str) -> dict[str, type[Settings]]
 
 @dataclass(frozen=True, eq=False)
 class DeclaredTables:
-    """The tables that an experiment may have, and the keys that may change during a run.
+    """All tables that an experiment's file may have, and the keys that may change during a run.
 
     Attributes:
         needed: mandatory tables by name, in the order of documents.
@@ -81,7 +81,10 @@ class DeclaredTables:
         return {**self.needed, **self.optional}
 
     def third_party_model(self, role: str) -> type[Settings]:
-        """Return the model of [role] for a third-party part: only the retained keys stay mandatory."""
+        """Return the model of a robot part's table if the part is third-party.
+
+        Only the keys that twin still needs stay mandatory.
+        """
         model = self.tables[role]
         idle: dict[str, Any] = {
             name: (Any, None)
@@ -91,7 +94,7 @@ class DeclaredTables:
         return create_model(model.__name__, __base__=model, **idle) if idle else model
 
     def model_keys(self) -> list[str]:
-        """Return the keys of [controller.model], whose missing values are the robot's."""
+        """Keys of [controller.model], the controller's robot model; missing values are taken from the robot."""
         model = nested_model(self.tables["controller"].model_fields["model"].annotation)
         return [] if model is None else toml_keys(model)
 
@@ -172,7 +175,7 @@ class Reference(Settings):
 
 
 class WayPoints(NamedTuple):
-    """Waypoints that the controller follows: times (s, ascending), positions (m, frame B), and their shape, or ""."""
+    """Waypoints of the reference: times (s, ascending), positions (m, frame B), and the shape's name or ""."""
 
     t: tuple[float, ...]
     p: tuple[Triple, ...]
@@ -180,7 +183,7 @@ class WayPoints(NamedTuple):
 
 
 def checked_tasks(kinds: Mapping[str, type[Task]], tables: Any, mistakes: list[str]) -> dict[int, Task]:
-    """Return the valid tasks of the array of tables [[task]], by number, from 1.
+    """Check the [[task]] tables of an experiment; return the valid massage tasks by number, from 1.
 
     Args:
         kinds: task models, by the key `kind` of their tables.
@@ -287,7 +290,7 @@ class UnpoweredDrive(Settings):
 
 
 def _check_parameter(value: Any) -> Any:
-    """Validate a parameter value here, as pydantic would report an error for each possible type."""
+    """Validate the value of an FMU parameter, with a single message for all possible types."""
     many = isinstance(value, (list, tuple))
     values = tuple(value) if many else (value,)
     kinds = {str if isinstance(v, str) else float if type(v) in (int, float) else None for v in values}
@@ -363,7 +366,7 @@ class Drive(Settings):
 
 
 def whole_ticks(time: float, tick: float) -> int | None:
-    """Convert `time` (s) to ticks (s); None if it is not a whole number, up to rounding, or above `MAX_TICKS`."""
+    """Convert a time (s) to a whole number of ticks; None if it is not whole up to rounding, or above `MAX_TICKS`."""
     if time / tick > MAX_TICKS:
         return None
     count = round(time / tick)
@@ -380,7 +383,7 @@ class ChangeTable(Settings):
 
 @dataclass(frozen=True)
 class Change:
-    """A checked [[change]].
+    """A checked [[change]]: a parameter, its new value, and the tick of the change.
 
     Attributes:
         tick: first tick with the new value.
@@ -396,7 +399,7 @@ class Change:
 
 
 def changeable_values(declared: DeclaredTables, tables: Mapping[str, Any]) -> dict[str, float]:
-    """Return the current values of keys that may change in an experiment, in the unit of the key.
+    """Return the current values of all keys that may change during a run, in the units of the keys.
 
     Keys of an idle force loop are left out, and the reference if tasks bring their own.
 
@@ -416,7 +419,7 @@ def changeable_values(declared: DeclaredTables, tables: Mapping[str, Any]) -> di
 
 
 def changed_value(declared: DeclaredTables, key: str, number: object, tables: Mapping[str, Any]) -> float:
-    """Convert `number`, in the unit of `key`, to SI, after validation.
+    """Validate a new value for a key of the experiment, given in the key's unit, and convert it to SI.
 
     Args:
         declared: tables with `key` among the changeable settings.
@@ -441,7 +444,7 @@ def changed_value(declared: DeclaredTables, key: str, number: object, tables: Ma
 def checked_changes(
     declared: DeclaredTables, tables: Any, values: Mapping[str, Any], tick: float, duration: float, mistakes: list[str]
 ) -> tuple[Change, ...]:
-    """Return the valid changes of the array of tables [[change]], earliest first.
+    """Check the [[change]] tables of an experiment; return the valid changes, earliest first.
 
     Args:
         declared: tables that an experiment may have.

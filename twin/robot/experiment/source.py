@@ -43,7 +43,7 @@ FMU_NAME_PREFIXES = ("parameters.", "wires.")
 
 
 def refuse_other_files(values: Mapping[str, Any], path: Path) -> None:
-    """Refuse files that are not experiments: robots, bodies, sweeps, mappings.
+    """Refuse a file that is not an experiment but a robot, body, sweep or mapping.
 
     Args:
         values: merged values of the file and the files that it extends.
@@ -67,7 +67,7 @@ def refuse_other_files(values: Mapping[str, Any], path: Path) -> None:
 
 
 def names_drive(table: Mapping[str, Any]) -> bool:
-    """Whether a table names a drive, by its FMU or its parts' FMUs; else it only changes values of another one."""
+    """Whether a [drive] table names a drive by an FMU file, rather than changing values of the drive already named."""
     parts = table.get("parts")
     named = parts.values() if isinstance(parts, Mapping) else ()
     return "fmu" in table or any(isinstance(part, Mapping) and "fmu" in part for part in named)
@@ -78,12 +78,12 @@ def _has_any_key(*keys: str) -> Callable[[Mapping[str, Any]], bool]:
 
 
 def names_stand_in(table: Mapping[str, Any]) -> bool:
-    """Whether the table of a role names a third-party part."""
+    """Whether the table of a robot part, such as [controller], names a third-party file."""
     return any(key in table for key in FILE_KEYS)
 
 
 class Replacement(NamedTuple):
-    """Rule for a table that replaces the same table of extended files instead of being merged.
+    """Rule that a table replaces the same table of extended files as a whole instead of being merged.
 
     Attributes:
         names: whether a table's keys trigger the rule.
@@ -111,7 +111,7 @@ REPLACEMENT_RULES: dict[str, tuple[Replacement, ...]] = {
 
 
 def rules_for(name: str, table: Any, by_key: bool = False) -> list[Replacement]:
-    """Return the replacement rules that `table`, called `name`, triggers; `by_key` for a key on the command line."""
+    """Return the replacement rules that a table of an experiment's file triggers."""
     rules = REPLACEMENT_RULES.get(name, ()) if isinstance(table, Mapping) else ()
     return [rule for rule in rules if rule.names(table) and (rule.by_key or not by_key)]
 
@@ -129,7 +129,9 @@ class Source:
     origins: dict[str, str] = field(default_factory=dict)
 
     def overlay(self, tables: dict[str, Any], origin: str, by_key: bool = False) -> None:
-        """Merge `tables` over the present ones; one that names another drive, body, shape or part replaces its table.
+        """Merge tables over the present values of the experiment.
+
+        A table that names another drive, body, shape or part replaces the present table.
 
         Args:
             tables: tables by name.
@@ -143,14 +145,14 @@ class Source:
         self.merge(tables, origin)
 
     def select_file(self, table: str, key: str, value: str) -> None:
-        """Replace [table] by a file given with `--drive` or `--body`, under its `key`."""
+        """Replace a table of the experiment by a file given on the command line with `--drive` or `--body`."""
         (rule,) = rules_for(table, {key: value})
         self.remove(table, rule.by_option)
         self.values[table] = {key: value, **self.values.get(table, {})}
         self.origins[f"{table}.{key}"] = COMMAND_LINE
 
     def remove(self, table: str, keep: Collection[str] | None = None) -> None:
-        """Remove [table], or all of its keys but `keep`."""
+        """Remove a table of the experiment, or all of its keys but `keep`."""
         before = self.values.pop(table, None)
         retained = {key: before[key] for key in before if key in (keep or ())} if isinstance(before, dict) else {}
         if keep is not None and isinstance(before, dict):
@@ -159,7 +161,7 @@ class Source:
         self.origins = {k: v for k, v in self.origins.items() if not k.startswith(f"{table}.") or k in paths}
 
     def merge(self, table: dict[str, Any], origin: str, prefix: str = "", into: dict[str, Any] | None = None) -> None:
-        """Merge `table` over the present values, key by key."""
+        """Merge a table over the present values of the experiment key by key, with the origin of each value."""
         target = self.values if into is None else into
         for key, value in table.items():
             dotted = f"{prefix}{key}"
@@ -189,7 +191,7 @@ class Source:
                 self.origins[dotted] = origin
 
     def _merge_items(self, items: dict[str, Any], origin: str, dotted: str, into: tuple[Any, ...]) -> None:
-        """Merge the tables `items` into the items of an array, by number from 1."""
+        """Merge tables into numbered items of an array of tables; numbers start at 1."""
         for number, item in items.items():
             if not (number.isdigit() and 1 <= int(number) <= len(into) and isinstance(item, dict)):
                 there = f"is only {dotted}.1" if len(into) == 1 else f"are tables {dotted}.1 to {dotted}.{len(into)}"
@@ -198,7 +200,7 @@ class Source:
 
 
 def with_numbers(items: Mapping[str, Any], into: tuple[Any, ...], where: str) -> tuple[Any, ...]:
-    """Replace elements of `into` by number from 1: `joint_zero_deg.2` is the second of three.
+    """Replace numbered elements of an array: key 2, as in `joint_zero_deg.2`, replaces the second element.
 
     Raises:
         InputRefused: the number is out of range; the message begins with `where`.
@@ -212,7 +214,7 @@ def with_numbers(items: Mapping[str, Any], into: tuple[Any, ...], where: str) ->
 
 
 def read_source(path: Path) -> Source:
-    """Read the file at `path`, merged over the files that it `extends`.
+    """Read an experiment's TOML file, merged over the files that it `extends`, without any check.
 
     Tables that replace others instead are listed in `REPLACEMENT_RULES`.
 
@@ -226,7 +228,7 @@ def read_source(path: Path) -> Source:
 
 
 def apply_overrides(source: Source, texts: Iterable[str]) -> None:
-    """Merge command-line settings, "a.b=1" each, over `source`.
+    """Merge the settings of the command line, "table.key=value" each, over the experiment's values.
 
     Raises:
         InputRefused: a setting is not of the form key=value.
@@ -238,7 +240,7 @@ def apply_overrides(source: Source, texts: Iterable[str]) -> None:
 
 
 def _node(text: str) -> dict[str, Any]:
-    """Parse the setting `text` into nested tables."""
+    """Parse a command-line setting "table.key=value" into nested tables."""
     key, equals, value = text.partition("=")
     names = key_names(key.strip())
     if not equals or not key.strip() or len(names) > MAX_DEPTH:
@@ -253,7 +255,7 @@ def _node(text: str) -> dict[str, Any]:
 
 
 def key_names(key: str) -> list[str]:
-    """Split a dotted TOML key into names; a name with dots is in quotes: `a."b.c"`."""
+    """Split a dotted TOML key into names; a quoted name may contain dots: `a."b.c"`."""
     names: list[str] = []
     with contextlib.suppress(InputRefused):
         node: Any = parse_toml(f"{key} = 0", "")
@@ -267,7 +269,7 @@ def key_names(key: str) -> list[str]:
 
 
 def merge_tables(base: Mapping[str, Any], table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `table` merged over `base`, tables key by key; a deep copy of both."""
+    """Return a deep copy of two nested tables, the second merged over the first key by key."""
     merged = copy.deepcopy(dict(base))
     for key, value in table.items():
         both = isinstance(value, dict) and isinstance(merged.get(key), dict)
@@ -276,7 +278,7 @@ def merge_tables(base: Mapping[str, Any], table: Mapping[str, Any]) -> dict[str,
 
 
 def value_at(tables: Mapping[str, Any], key: str) -> Any:
-    """Return the value at the dotted `key`; None if missing."""
+    """Return the value at a dotted key of nested tables; None if missing."""
     node: Any = tables
     for name in key.split("."):
         node = node.get(name) if isinstance(node, Mapping) else None
@@ -284,7 +286,7 @@ def value_at(tables: Mapping[str, Any], key: str) -> Any:
 
 
 def _chain(path: Path) -> list[tuple[Path, dict[str, Any]]]:
-    """Return (path, tables) of the file at `path` and the files that it extends, in that order."""
+    """Return (path, tables) of an experiment's file and of all files that it extends, in that order."""
     chain = [(path, _tables(path))]
     met = {os.path.realpath(path)}
     while (parent := chain[-1][1].pop("extends", None)) is not None:
@@ -304,13 +306,16 @@ def _chain(path: Path) -> list[tuple[Path, dict[str, Any]]]:
 
 
 def _tables(path: Path) -> dict[str, Any]:
-    """Read the tables of the single TOML file at `path`, without extended files."""
+    """Read the tables of one TOML file, without the files that it extends."""
     return dict(_parse_toml(read_text(path, MAX_TOML_BYTES, "experiment file"), str(path)))
 
 
 @functools.lru_cache(maxsize=64)
 def _parse_toml(text: str, where: str) -> Mapping[str, Any]:
-    """Parse `text` with a cache, as all runs of a sweep read the same files; the result must not be modified."""
+    """Parse TOML text, cached because all runs of a sweep read the same files.
+
+    The result must not be modified.
+    """
     return parse_toml(text, where)
 
 

@@ -48,22 +48,22 @@ class StandIn(Settings):
 
     @property
     def file(self) -> Path:
-        """Path of the FMU, or of the file with the class."""
+        """Path of a third-party part's FMU, or of the Python file with its class."""
         return Path(self.fmu if self.fmu is not None else (self.python or "").rpartition(":")[0])
 
     @property
     def class_name(self) -> str:
-        """Name of the Python class; "" for an FMU."""
+        """Name of a third-party part's Python class; "" for an FMU."""
         return (self.python or "").rpartition(":")[2]
 
     @property
     def label(self) -> str:
-        """File name without its folder, followed by the class."""
+        """Name of a third-party part for messages: its file name without folder, followed by the class."""
         return f"{self.file.name}:{self.class_name}" if self.python else self.file.name
 
 
 class ThirdPartyTable(NamedTuple):
-    """A third-party part's table, split into the part's own keys and the retained keys of twin's role."""
+    """Table of a third-party part, split into the part's own keys and the keys that twin still uses."""
 
     stand_in: StandIn | None
     rest: Settings | None
@@ -72,7 +72,7 @@ class ThirdPartyTable(NamedTuple):
 def check_third_party_table(
     declared: DeclaredTables, role: str, table: Mapping[str, Any], folder: Path, mistakes: list[str]
 ) -> ThirdPartyTable:
-    """Check the table [role], which names an FMU or a class.
+    """Check the table of a third-party part, and split it into its own keys and those that twin still uses.
 
     Args:
         declared: tables of twin's own components.
@@ -102,7 +102,7 @@ def check_third_party_table(
 
 
 def retained_settings(declared: DeclaredTables, role: str, table: Mapping[str, Any]) -> Settings:
-    """Return the retained settings of the checked table [role] of a third-party part."""
+    """Return the settings that twin still uses from the checked table of a third-party part."""
     return declared.third_party_model(role).model_validate(
         {key: value for key, value in table.items() if key in RETAINED_KEYS[role]}
     )
@@ -113,7 +113,7 @@ def _file_text(own: Mapping[str, Any]) -> str:
 
 
 def _with_file(role: str, own: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return `own` with an absolute path, completed from a mapping if it names one."""
+    """Return a third-party part's table with an absolute path, completed from the mapping file that it names."""
     table = dict(own)
     if isinstance(python := table.get("python"), str) and ":" in python:
         file, _, name = python.rpartition(":")
@@ -129,6 +129,6 @@ def _with_file(role: str, own: Mapping[str, Any], folder: Path) -> dict[str, Any
 
 
 def find_stand_in_table(values: Mapping[str, Any], role: str) -> Mapping[str, Any] | None:
-    """Return the table [role] of an experiment's values if it names an FMU or a class, else None."""
+    """Return the table of a robot part in an experiment's values if it names a third-party file, else None."""
     table = values.get(role)
     return table if isinstance(table, Mapping) and names_stand_in(table) else None

@@ -56,11 +56,10 @@ Table = Mapping[str, Any]
 
 
 def commented_experiment(declared: DeclaredTables, name: str, base: Path) -> str:
-    """Return a commented template: the experiment at `base` plus every other key, commented out.
+    """Return a commented template of an experiment: an existing one plus every other key, commented out.
 
     Values of `base` in tables other than [robot] are active; of [plant], only values that the robot's file lacks. All
-    other
-    lines begin with "#" and show the value of body or robot, the default, or an example.
+    other lines begin with "#" and show the value of body or robot, the default, or an example.
 
     Args:
         declared: tables that an experiment may have.
@@ -114,7 +113,7 @@ def commented_experiment(declared: DeclaredTables, name: str, base: Path) -> str
 
 
 class _TemplateWriter:
-    """Writer of tables and keys, unused ones commented out.
+    """Writer of a commented experiment template; tables and keys without an active value are commented out.
 
     Args:
         own: active values.
@@ -125,13 +124,13 @@ class _TemplateWriter:
         self._own, self._nearer, self._farther = own, nearer, farther
 
     def origins(self, table: str) -> Table:
-        """Return the sources of the values in `table`, by key, without mere file names."""
+        """Return the stated sources of a table's values by key, without origins that are mere file names."""
         prefix = f"{table}." if table else ""
         found = {k.removeprefix(prefix): text for k, text in self._own.origins.items() if k.startswith(prefix)}
         return {key: text for key, text in found.items() if not text.startswith("set in ")}
 
     def table(self, name: str, model: type[BaseModel]) -> list[str]:
-        """Return the lines of [name] and the tables in it."""
+        """Return the template's lines of one table and the tables nested in it."""
         own = value_at(self._own.values, name)
         mark = "#" if own is None else ""
         lines = ["", f"# {_summary(model)}", f"{mark}[{name}]", *self.keys(name, model, own or {}, self.origins(name))]
@@ -156,7 +155,7 @@ class _TemplateWriter:
         return lines
 
     def array(self, name: str, models: Mapping[Any, type[BaseModel]], others: tuple[Table, ...]) -> list[str]:
-        """Return the lines of the tables [[name]], each by the model of its kind; else of `others`, commented out."""
+        """Return the template's lines of an array of tables; without active tables, examples commented out."""
         lines, own = [], self._own.values.get(name)
         for number, table in enumerate(own or others, start=1):
             origins = self.origins(f"{name}.{number}") if own else {}
@@ -164,7 +163,7 @@ class _TemplateWriter:
         return lines
 
     def item(self, name: str, model: type[BaseModel], values: Table, mark: str, origins: Table) -> list[str]:
-        """Return the lines of one table of the array [[name]]; all `values` get the same mark."""
+        """Return the template's lines of one table in an array of tables."""
         lines = ["", f"# {_summary(model)}", f"{mark}[[{name}]]"]
         lines += [f'{mark}kind = "{values["kind"]}"'] if "kind" in values else []
         for key, info in _plain_keys(model).items():
@@ -176,7 +175,7 @@ class _TemplateWriter:
     def keys(
         self, table: str, model: type[BaseModel], own: Table, origins: Table, without: Collection[str] = ()
     ) -> list[str]:
-        """Return the lines of `model`'s keys, each below its meaning; without tables and the keys in `without`."""
+        """Return the template's lines of a table's keys, each below its meaning."""
         lines = []
         for key, info in _plain_keys(model).items():
             if key in without:
@@ -190,7 +189,7 @@ class _TemplateWriter:
 
 
 def _plain_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
-    """Return the fields of `model` that are not tables, by key."""
+    """Return the pydantic fields of a table's model that are single keys, not nested tables."""
     return {
         info.alias or field: info
         for field, info in model.model_fields.items()
@@ -199,14 +198,14 @@ def _plain_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
 
 
 def _default_or_example(info: FieldInfo) -> Any:
-    """Return the default of a key, or an example."""
+    """Return the default value of a key; if it has no default, an example."""
     if info.is_required() or info.default is None:
         return (info.examples or [None])[0]
     return info.default
 
 
 def _meaning(info: FieldInfo) -> str:
-    """Return meaning, bounds and choices of a key: `largest command; > 0`."""
+    """Return meaning, bounds and choices of a key as a comment: `largest command; > 0`."""
     signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
     bounds = [
         f"{sign} {getattr(bound, name):g}"
@@ -221,7 +220,7 @@ def _meaning(info: FieldInfo) -> str:
 
 
 def _summary(model: type[BaseModel]) -> str:
-    """Return the first sentence of a table's docstring."""
+    """Return the first sentence of a table model's docstring."""
     text = " ".join((model.__doc__ or "").split("\n\n")[0].split())
     return (text.partition(": ")[2] or text).removesuffix(".")
 
@@ -232,7 +231,7 @@ def _line(key: str, value: Any, mark: str, source: str | None = None) -> str:
 
 
 def start_experiment(declared: DeclaredTables, file: Path, start: str) -> list[Path]:
-    """Write an experiment to `file` that is equivalent to the shipped experiment `start`.
+    """Write a new experiment file that is equivalent to a shipped experiment.
 
     Returns:
         The written files: `file`, and the JSON Schema beside it if missing.

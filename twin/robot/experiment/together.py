@@ -35,7 +35,7 @@ AXES = 3
 
 
 class CommonCause(NamedTuple):
-    """Several parts that break at once.
+    """A common cause that breaks several parts of the robot at once, as a fault of a target group.
 
     Attributes:
         kind: kind of the catalogue.
@@ -86,7 +86,7 @@ reasons."""
 
 
 class PairPart(NamedTuple):
-    """A component, with the fault that represents it in pairs."""
+    """A component of the robot, with the fault that represents it in pairs of faults."""
 
     component: str
     kind: str
@@ -124,7 +124,7 @@ ORDERED_PAIRS += tuple((first, ALL_DRIVES) for first, second in ORDERED_PAIRS if
 
 
 def expects_detection(cause: CommonCause, magnitude: float | None, in_contact: bool) -> bool:
-    """Whether the monitor is expected to detect `cause` at one of the catalogue's magnitudes."""
+    """Whether the safety monitor is expected to detect a common cause at a magnitude of the catalogue."""
     start = cause.threshold.contact if in_contact else cause.threshold.free
     magnitudes = FAULT_KINDS[cause.kind].magnitudes
     if start is None or start == ANY_MAGNITUDE or magnitudes is None or magnitude is None:
@@ -134,20 +134,20 @@ def expects_detection(cause: CommonCause, magnitude: float | None, in_contact: b
 
 
 def fault_values(kind: str, target: str, magnitude: float | None, onset: float) -> dict[str, Any]:
-    """Return the [[fault]] table of a fault; `onset` in s."""
+    """Return the [[fault]] table of one fault with its onset (s)."""
     key = FAULT_KINDS[kind].magnitude_key
     return {"kind": kind, "target": target, "onset_s": onset} | ({key: magnitude} if key else {})
 
 
 class SetPart(NamedTuple):
-    """One of the faults of a set, with its possible targets."""
+    """One fault of a set of simultaneous faults: its kind and possible targets."""
 
     kind: str
     targets: tuple[str, ...]
 
 
 def parse_fault_set(name: str) -> tuple[SetPart, ...]:
-    """Parse the name of a fault set: one kind of the catalogue, a kind with a group, or several kinds.
+    """Parse the name of a set of faults: one kind, a kind with a target group, or several kinds.
 
     `drive_runaway@each_drive` is three faults, of the group `all drives`.
 
@@ -173,12 +173,15 @@ def parse_fault_set(name: str) -> tuple[SetPart, ...]:
 
 
 def _each_group_name(group: str) -> str:
-    """Return `each_drive` for `all drives`."""
+    """Convert a target group `all drives` to `each_drive`, the name of one fault per member."""
     return (EACH_PREFIX + group.removeprefix(ALL_PREFIX).removesuffix("s")).replace(" ", "_")
 
 
 def common_names() -> tuple[str, ...]:
-    """Return the set names of all common causes with a group, signed ones also with a magnitude for each axis."""
+    """Return the fault-set names of all common causes that hit a target group.
+
+    Signed ones also have a name with a magnitude for each axis.
+    """
     names = []
     for cause in COMMON_CAUSES:
         known = FAULT_KINDS[cause.kind]
@@ -191,12 +194,15 @@ def common_names() -> tuple[str, ...]:
 
 
 def pair_names() -> tuple[str, ...]:
-    """Return the set names of all pairs; a kind is followed by its target where that is ambiguous."""
+    """Return the fault-set names of all pairs of faults; a kind is followed by its target where that is ambiguous."""
     return tuple(dict.fromkeys(PAIR_SEPARATOR.join(_pair_part_name(part) for part in pair) for pair in FAULT_PAIRS))
 
 
 def ordered_names() -> tuple[str, ...]:
-    """Return the set names of pairs whose second fault begins after the trip of the first, in both orders."""
+    """Return the fault-set names of pairs whose second fault begins after the first has tripped the monitor.
+
+    Each pair is listed in both orders.
+    """
     return tuple(
         dict.fromkeys(SEQUENCE_SEPARATOR.join(_pair_part_name(part) for part in pair) for pair in ORDERED_PAIRS)
     )

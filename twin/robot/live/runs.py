@@ -41,11 +41,10 @@ def recorded_runs(
     start_from: str | None = None,
     results: str = "results",
 ) -> None:
-    """Run each experiment and record it.
+    """Run experiments one after the other and record them, as the job of `twin run`.
 
     Notes: {"experiment", "folder", "duration" (s)} before a run, {"run": the fields of `twin.robot.run.Run` and
-    `remarks`,
-    sentences about it} after it.
+    `remarks`, sentences about it} after it.
 
     Args:
         experiments: files or names.
@@ -55,8 +54,7 @@ def recorded_runs(
         factor, viewer: see `execute`.
         sure: whether very long runs, and runs that may fill the disk, are confirmed.
         start_from: run to continue, optionally with @ and the time (s) of its state; replaces experiments, and allows
-            no
-            other setting than duration_s.
+            no other setting than duration_s.
 
     Raises:
         InputRefused: an experiment has errors, or its size is not confirmed; no experiment has been run.
@@ -106,7 +104,9 @@ def recorded_runs(
 
 
 def load_continuation(run: str, settings: Sequence[str]) -> tuple[Experiment, StoredState | None, str]:
-    """Load the experiment of `run`, the state to continue from (None to run from the start), and a remark about it.
+    """Load the experiment of an incomplete run and the state to continue from.
+
+    The state is None to run from the start. A remark about the state is returned, too.
 
     Args:
         run: a recording or its folder, optionally with @ and the latest time (s) of the state.
@@ -173,7 +173,7 @@ def _with_isolated_drives(
 
 
 def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: Any) -> None:
-    """Run experiments like `recorded_runs`, served to viewers; each run begins with its first viewer.
+    """Run and record experiments, served to live viewers; each run begins with its first viewer.
 
     Notes: {"serving": address} when a run waits for its first viewer; {"refused": sentence} for a refused connection
     meanwhile; the others are those of `recorded_runs`.
@@ -196,7 +196,7 @@ def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: 
 
 
 def live_server(port: int, **arguments: Any) -> "LiveServer":
-    """Create a `LiveServer` with these arguments.
+    """Create the server that shows runs to live viewers.
 
     Raises:
         InputRefused: websockets is not installed, the port is taken, or an origin is invalid.

@@ -50,13 +50,13 @@ _SILENT_LOGGER = logging.getLogger("twin.robot.live")
 
 
 class Parameters(Protocol):
-    """Interface of parameters that viewers may change, such as `Tuning`; called by the server's thread."""
+    """Interface of the parameters that a live viewer may change; called by the server's thread."""
 
     def values(self) -> Mapping[str, bool | float | str]:
-        """Return all parameters by name."""
+        """Return all parameters that a viewer may see or change, by name."""
 
     def request(self, name: str, value: object, /) -> None:
-        """Request a new `value` of a parameter.
+        """Request a new value of a parameter of the run for a live viewer.
 
         Raises:
             InputRefused: the parameter is unknown, or its value is invalid.
@@ -64,7 +64,7 @@ class Parameters(Protocol):
 
 
 class Client:
-    """One viewer's connection, within the server's event loop.
+    """One live viewer's connection, within the server's event loop.
 
     Args:
         connection: WebSocket connection.
@@ -100,7 +100,7 @@ class Client:
         self._sending = asyncio.create_task(self._send())
 
     async def serve(self, greeting: Sequence[str]) -> None:
-        """Send the `greeting`, then answer requests until the viewer disconnects."""
+        """Send the viewer a greeting, then answer its requests until it disconnects."""
         try:
             for message in greeting:
                 await self._connection.send(message)
@@ -114,7 +114,7 @@ class Client:
             self._sending.cancel()
 
     def send_messages(self, time: int, messages: Sequence[live.Message]) -> None:
-        """Queue the simulated `time` (ns) and the subscribed ones of `messages`."""
+        """Queue the simulated `time` (ns) and the messages of subscribed channels for the viewer."""
         found, sent = self.subscriptions, [live.time_message(time)]
         for message in messages:
             if message.channel in self.lacking:
@@ -125,17 +125,17 @@ class Client:
         self._enqueue(*sent)
 
     def send_parameters(self, names: Sequence[str]) -> None:
-        """Queue the values of the changed parameters `names` that the viewer follows."""
+        """Queue the values of changed parameters that the viewer follows."""
         if wanted := self._follows.intersection(names):
             self._enqueue(protocol.parameter_values(self._values(wanted)))
 
     async def drain_and_close(self, patience: float) -> None:
-        """Send queued messages and close the connection; give up after `patience` (s)."""
+        """Send queued messages and close the viewer's connection; give up after `patience` (s)."""
         self._enqueue(None)
         await asyncio.wait([self._sending], timeout=patience)
 
     def cut_off(self) -> None:
-        """Abort the connection and drop unsent messages; all pending sends end."""
+        """Abort the viewer's connection and drop unsent messages; all pending sends end."""
         self._connection.transport.abort()
 
     def _enqueue(self, *messages: str | bytes | None) -> None:
@@ -199,7 +199,10 @@ class Client:
         return answers
 
     def _set_parameters(self, asked: protocol.SetParameters) -> list[str]:
-        """Request changes and return the answers; for a refused parameter the answer has its current value."""
+        """Request the parameter changes of a viewer and return the answers.
+
+        For a refused parameter the answer has its current value.
+        """
         answers, names = [], [wish.name for wish in asked.parameters]
         if self._may_tune:
             for wish in asked.parameters:
@@ -215,7 +218,7 @@ class Client:
         return answers
 
     def _values(self, names: Collection[str]) -> dict[str, bool | float | str]:
-        """Values of the parameters in `names` that exist; of all if `names` is empty."""
+        """Return the values of the requested parameters that exist; of all if no name is given."""
         return {name: value for name, value in self._tuning.values().items() if name in names or not names}
 
 
@@ -225,7 +228,7 @@ logging.getLogger("asyncio").addFilter(lambda record: record.msg != "socket.send
 
 
 class Broadcast:
-    """The server of one run, in a thread; it listens once constructed.
+    """The live server of one run, in a thread of its own; it listens once constructed.
 
     Args:
         port: port to listen on.
@@ -260,15 +263,15 @@ class Broadcast:
         self._loop = self._started.result()
 
     def publish(self, time: int, messages: Sequence[live.Message]) -> None:
-        """Send every viewer the simulated `time` (ns) and its subscribed ones of `messages`."""
+        """Send every viewer the simulated `time` (ns) and the messages of its subscribed channels."""
         self._loop.call_soon_threadsafe(self._send_messages, time, messages)
 
     def send_parameters(self, names: Sequence[str]) -> None:
-        """Send every viewer the values of the parameters in `names` that it follows."""
+        """Send every viewer the values of changed parameters that it follows."""
         self._loop.call_soon_threadsafe(self._on_change, names)
 
     def close(self) -> None:
-        """Send queued messages, close all connections and release the port, within `SHUTDOWN_TIMEOUT` s."""
+        """Send queued messages, close all viewers' connections and release the port, within `SHUTDOWN_TIMEOUT` s."""
         # the event loop may have ended before
         with suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._over.set)
@@ -306,7 +309,7 @@ class Broadcast:
             await asyncio.wait_for(server.wait_closed(), CLOSE_TIMEOUT)
 
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Return an HTTP error for a refused connection; None to accept it."""
+        """Return an HTTP error response for a viewer's connection that is refused; None to accept it."""
         if refusal := self._gate.refusal(request.headers):
             if refusal not in self._refused and len(self._refused) < MAX_REFUSALS:
                 self._refused.add(refusal)
@@ -352,7 +355,7 @@ class Broadcast:
 
 
 class LiveServer:
-    """A `twin.robot.run.viewer.Viewer` that serves runs; a context manager whose exit sends all published messages.
+    """Live viewer that serves runs over WebSocket; a context manager whose exit sends all published messages.
 
     Each run is a separate broadcast at the same port, with the same token. Viewers reconnect by themselves; before the
     first run a socket that does not listen reserves the port.
@@ -397,7 +400,7 @@ class LiveServer:
         self._close_broadcast()
 
     def begin(self, streams: Sequence[RowStream], scene: SceneSource, tick: float, tuning: Parameters) -> None:
-        """Serve a run and, if required, wait for its first subscription.
+        """Begin to serve a run, and wait for the first viewer's subscription if required.
 
         Raises:
             InputRefused: the port has been taken in the meantime.
@@ -417,7 +420,7 @@ class LiveServer:
         self._active = broadcast, Publisher(topics, broadcast)
 
     def show(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
-        """Pass the first row of the run, the newest one and every event to the publisher."""
+        """Pass the first row of the run, the newest row and every event to the publisher."""
         if self._active and self._active[1]:
             if len(rows):
                 self._active[1].add_rows(first, rows, events)
@@ -427,7 +430,7 @@ class LiveServer:
                     self._warn(refusal)
 
     def send_parameters(self, names: Sequence[str]) -> None:
-        """Send the values of the parameters `names`, which changed without a viewer's request."""
+        """Send viewers the values of parameters that changed without a viewer's request."""
         if self._active:
             self._active[0].send_parameters(names)
 
@@ -445,12 +448,11 @@ def _refusal(port: int, problem: Exception) -> InputRefused:
 
 
 class Publisher:
-    """Publisher of one run's rows, in a thread that starts at once.
+    """Publisher of one run's newest rows to live viewers, in a thread that starts at once.
 
     The stepping thread only stores its newest row here; this thread fetches it periodically, independent of the run's
-    pace.
-    Encoding messages in the stepping thread would cost it much more time. The first row is always published, so that
-    waiting viewers see the beginning of a fast run.
+    pace. Encoding messages in the stepping thread would cost it much more time. The first row is always published, so
+    that waiting viewers see the beginning of a fast run.
 
     Args:
         topics: encoder of the run's messages.
@@ -468,7 +470,7 @@ class Publisher:
         self._thread.start()
 
     def add_rows(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
-        """Queue `events`, and store the last of `rows`, which begin at tick `first`, as the newest row."""
+        """Queue events for live viewers, and store the last row as the newest one."""
         if events:
             self._happened.extend(events)
         if self._first is None:
@@ -477,7 +479,7 @@ class Publisher:
         self._newest = (first + len(rows) - 1, rows[-1].copy())
 
     def finish(self) -> None:
-        """Publish the last row and stop."""
+        """Publish the last row of the run to live viewers and stop the thread."""
         self._finished.set()
         self._thread.join()
 

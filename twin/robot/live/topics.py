@@ -23,18 +23,23 @@ from twin.robot.scene import Drawing
 
 
 class SceneSource(Protocol):
-    """Interface of a drawing for a viewer, such as `twin.robot.scene.Scene`."""
+    """Interface of a source of 3D drawings for a live viewer."""
 
     @property
     def forms(self) -> Sequence[MessageForm]:
-        """Message forms of its drawings."""
+        """Message forms of the drawings for a viewer."""
 
     def drawings(self, first: int, rows: np.ndarray, /) -> Iterable[Drawing]:
-        """Return the drawings of `rows` (n, width), whose first tick is `first`; at tick 0 everything is drawn."""
+        """Return the drawings for `rows` (n, width), beginning at tick `first`.
+
+        At tick 0 everything is drawn.
+
+        At tick 0 everything is drawn.
+        """
 
 
 class Topics:
-    """Channels of a run and their messages; with the names, schemas and units of the recording.
+    """Channels of a run for live viewers and their messages, with the names, schemas and units of the recording.
 
     Args:
         streams, scene, tick: see `twin.robot.run.viewer.Viewer.begin`.
@@ -57,13 +62,13 @@ class Topics:
         self._drawn = {self._numbers[name] for name in self._layouts}
 
     def time(self, tick: int) -> int:
-        """Return the simulated time of `tick` (ns); like the recording it starts at 0."""
+        """Return the simulated time of `tick` in ns; like the recording it starts at 0."""
         return round(tick * (self._tick * NS_PER_S))
 
     def messages(
         self, tick: int, row: np.ndarray, events: Sequence[TickEvent], wanted: frozenset[int], lacking: frozenset[int]
     ) -> Iterator[Message]:
-        """Yield messages of the events and of the `row` of `tick`.
+        """Yield the viewer messages of one row of a run and of its events.
 
         Args:
             wanted: channels with a subscriber, as unseen drawings are skipped.
@@ -86,13 +91,11 @@ class Topics:
 
 
 class MessageEncoder:
-    """Encoder of one row of all `streams` as protobuf messages.
+    """Encoder of a row of all recorded signals as protobuf messages.
 
     The layout is the recording's: every number has a fixed place in its message (`recording/messages.py`). So all
-    messages
-    share one buffer, and a row is copied into it by three assignments, one per kind of number, independent of the
-    number of
-    topics and fields.
+    messages share one buffer, and a row is copied into it by three assignments, one per kind of number, independent of
+    the number of topics and fields.
     """
 
     def __init__(self, streams: Sequence[RowStream]):
@@ -118,7 +121,7 @@ class MessageEncoder:
         self._places = {kind: np.array(found, dtype=np.intp) for kind, found in places.items()}
 
     def messages(self, row: np.ndarray) -> Iterator[bytes]:
-        """Return the message of each stream at `row`, (width of the system's outputs,) float64."""
+        """Yield the protobuf message of each stream for one row of all outputs of the system."""
         for kind, columns in self._columns.items():
             self._bytes[self._places[kind]] = row[columns].astype(VALUE_TYPES[kind]).view(np.uint8)
         content = self._bytes.tobytes()

@@ -76,7 +76,7 @@ def leg_coordinates(geometry, leg, x, y):
 
 @njit(cache=True, forceinline=True)
 def legs():
-    """Cosines and sines of phi_i for all legs, as `compiled.lanes`."""
+    """Return cosines and sines of the azimuths phi_i of the three legs, as `compiled.lanes`."""
     return three(LEG_COS[0], LEG_COS[1], LEG_COS[2]), three(LEG_SIN[0], LEG_SIN[1], LEG_SIN[2])
 
 
@@ -148,14 +148,14 @@ def triples(values: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def place(array: NDArray[np.float64], row: int) -> str:
-    """Format the index of a flattened row of a (..., 3) array as ``[i, j]``; "" for a single row."""
+    """Format the index of a flattened row of a (..., 3) array for an error message: ``[i, j]``; "" for a single row."""
     if array.ndim == 1:
         return ""
     return str([int(i) for i in np.unravel_index(row, array.shape[:-1])])
 
 
 class Skeleton(NamedTuple):
-    """Joints of the three legs in the base frame, m; n poses.
+    """Positions of all joints of the three legs in the base frame, m; n poses.
 
     Attributes:
         B: base joints B_i, (3, 3).
@@ -240,7 +240,7 @@ def leg_motion(geometry, k_r, k_z, r, w, h, q, v_r, v_w, v_z):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def angle_near(anchors, leg, k_r, k_z):
-    """Joint angle in rad of the leg whose knee is at (k_r, k_z); fast if its anchor is near.
+    """Return the joint angle (rad) of the leg whose knee is at (k_r, k_z); fast if its reference angle is near.
 
     Args:
         anchors: an angle of each leg, and its cosine and sine divided by l_a, (3, 3); see :func:`move_anchor`.
@@ -255,7 +255,7 @@ def angle_near(anchors, leg, k_r, k_z):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def angles_near(anchors, k_r, k_z):
-    """Joint angles in rad of all three legs, as `compiled.lanes`; see :func:`angle_near`."""
+    """Return the joint angles (rad) of all three legs from their knees, as `compiled.lanes`."""
     a = anchors
     turned = _turn_sine(three(a[0, 1], a[1, 1], a[2, 1]), three(a[0, 2], a[1, 2], a[2, 2]), k_r, k_z)
     if abs(turned[0]) < MAX_SERIES_SINE and abs(turned[1]) < MAX_SERIES_SINE and abs(turned[2]) < MAX_SERIES_SINE:
@@ -268,7 +268,7 @@ def angles_near(anchors, k_r, k_z):
 
 @njit(cache=True, error_model="numpy")
 def move_anchor(geometry, anchors, leg, k_r, k_z):
-    """Move the anchor of a leg to the pose with its knee at (k_r, k_z), unless it is still near.
+    """Move a leg's reference angle ("anchor") to its present angle, unless it is still near.
 
     It is not moved at every call, because the angle would accumulate rounding errors.
     """
@@ -280,7 +280,7 @@ def move_anchor(geometry, anchors, leg, k_r, k_z):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _turn_sine(cosine, sine, k_r, k_z):
-    """Sine of the angle between a knee and its anchor."""
+    """Return the sine of the angle between a leg's knee and its reference angle."""
     return -(k_z * cosine + k_r * sine)
 
 

@@ -46,7 +46,7 @@ SMALLEST_KNOWN_NONZERO = 1e-7
 
 
 class SingularPose(InputRefused, ValueError):
-    """Torques and forces, or joint and platform speeds, do not determine each other at this pose.
+    """Error for a singular pose, where torques and forces, or joint and platform speeds, do not determine each other.
 
     Attributes:
         leg: 1, 2 or 3, the leg that is stretched or folded; 0 where the three distal links lie in one plane.
@@ -89,7 +89,7 @@ def distal_volume(J: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def refuse_serial_singularity(geometry: Geometry, J: NDArray[np.float64], p_B: NDArray[np.float64]) -> None:
-    """Pass only if no leg is stretched or folded.
+    """Refuse poses with a stretched or folded leg.
 
     Args:
         geometry: lengths of Fig. 2.
@@ -111,7 +111,7 @@ def refuse_serial_singularity(geometry: Geometry, J: NDArray[np.float64], p_B: N
 
 
 def refuse_parallel_singularity(J: NDArray[np.float64], p_B: NDArray[np.float64]) -> None:
-    """Pass only if the distal links span space.
+    """Refuse poses whose three distal links lie in one plane.
 
     Args:
         J: Jacobians in rad/m at the poses, shape (..., 3, 3).
@@ -162,7 +162,7 @@ def leg_angle(geometry, leg, x, y, z):
 
 @njit(cache=True)
 def leg_angle_inward(geometry, leg, x, y, z):
-    """The other root of Eq. 10: theta_i in (0, 2 pi) rad with the knee inward; NaN out of reach.
+    """Return the joint angle theta_i in (0, 2 pi) rad of a leg with the knee inward (Eq. 10); NaN out of reach.
 
     The range leaves the angle continuous through pi, where the proximal link points straight inward.
     Arguments as :func:`leg_angle`.

@@ -165,7 +165,7 @@ def _press(lengths, weights, theta_l, p_B, tau_l, F_ee_B):
 def force_on_environment(
     geometry: Geometry, masses: Masses, theta_l: ArrayLike, p_B: ArrayLike, tau_l: ArrayLike
 ) -> NDArray:
-    """`environment_force` (3,) in N, as compiled code has it to the last bit."""
+    """Return the force F_ee_B (3,) in N of the robot on its environment at rest, bit-identical to compiled code."""
     force = np.empty(3)
     arrays = (np.array(values, dtype=np.float64) for values in (geometry, masses, theta_l, p_B, tau_l))
     _press(*arrays, force)

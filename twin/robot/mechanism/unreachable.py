@@ -4,7 +4,7 @@ from twin.kernel.errors import InputRefused
 
 
 class Unreachable(InputRefused, ValueError):
-    """No pose or joint angles exist for the requested values.
+    """Error for a platform position or joint angles outside the mechanism's reach.
 
     Attributes:
         leg: 1, 2 or 3, the leg that cannot follow; 0 if it is not a single leg.

@@ -73,19 +73,22 @@ deflections."""
 
 
 def plant_inputs(moving: bool, ramp: bool) -> tuple[Port, ...]:
-    """Ports of a plant with a moving surface or not, and with motors that turn within the step or not."""
+    """Return the input ports of the plant, with or without a moving surface, and motors that turn within the step."""
     return PLANT_INPUTS + GROUND_INPUTS * moving + RAMP_INPUTS * ramp
 
 
 @njit(cache=True)
 def extrapolate(s, v, t):
-    """Coordinates, a triple, `t` seconds after `s` at the constant rates `v`."""
+    """Return the triple `s` after `t` seconds at the constant rates `v`."""
     return s[0] + t * v[0], s[1] + t * v[1], s[2] + t * v[2]
 
 
 @njit(cache=True)
 def settle(parameters, apex, x, s_B, v_s_B):
-    """Apply the return mapping of the bristle to the state `x`, in place, as at the end of every integration step."""
+    """Scale the friction bristle in the plant's state back onto the friction cone, in place.
+
+    This return mapping is applied at the end of every integration step.
+    """
     _settle(parameters, apex, x, head_sees(parameters, s_B), v_s_B)
 
 
@@ -106,19 +109,19 @@ def _settle(parameters, apex, x, s_B, v_s_B):
 
 @njit(cache=True)
 def extrapolate_pair(a, rate, t):
-    """`extrapolate` for a pair."""
+    """Return the pair `a` after `t` seconds at constant rates."""
     return a[0] + t * rate[0], a[1] + t * rate[1]
 
 
 @njit(cache=True, forceinline=True)
 def runge_kutta_mean(a, b, c, d):
-    """Weighted mean of the four rates of a classical Runge-Kutta step."""
+    """Return the weighted mean of the four rates of a classical Runge-Kutta step."""
     return (a + 2.0 * b + 2.0 * c + d) / 6.0
 
 
 @njit(cache=True)
 def integrate(parameters, x, theta_m, omega_m, s_B, v_s_B, h, apex, anchors):
-    """Integrate `x` in place by one classical Runge-Kutta step of `h` seconds.
+    """Integrate the plant's state in place by one classical Runge-Kutta step of `h` seconds.
 
     The motors start at the triple `theta_m` (rad) and turn at `omega_m` (rad/s), the surface starts at `s_B` (m) and
     moves at `v_s_B` (m/s); `apex` and `anchors` as in `acceleration`.
@@ -180,11 +183,10 @@ def integrate(parameters, x, theta_m, omega_m, s_B, v_s_B, h, apex, anchors):
 
 @njit(cache=True, error_model="numpy")
 def outputs_near(parameters, x, theta_m, s_B, v_s_B, apex, anchors, y):
-    """Compute the record `y` of `PLANT_OUTPUTS` from state `x` and motor angles `theta_m`; False out of reach.
+    """Compute the plant's outputs from its state and motor angles; return False outside the workspace.
 
     The surface is at the triple `s_B` (m) and moves at `v_s_B` (m/s); `apex` and `anchors` as in `acceleration`.
-    Anchors
-    too far from this state are moved.
+    Anchors too far from this state are moved.
     """
     px, py, pz, vx, vy, vz = x[0], x[1], x[2], x[3], x[4], x[5]
     # copied one by one: copying a slice allocates memory, in case it overlaps, which an exported step must not do
@@ -221,13 +223,13 @@ def outputs_near(parameters, x, theta_m, s_B, v_s_B, apex, anchors, y):
 
 @njit(cache=True)
 def triple(v):
-    """Convert a port of three values to a tuple."""
+    """Convert an input port of three values to a tuple."""
     return v[0], v[1], v[2]
 
 
 @cache
 def make_step(moving, ramp):
-    """Compile the step of a plant with a moving surface or not, and with motors that turn within the step or not."""
+    """Compile the step function of the plant, with or without a moving surface, and motors turning within the step."""
 
     @step_function(PLANT_MEMORY, plant_inputs(moving, ramp), PLANT_OUTPUTS)
     def step(m, t, h, u, y):
@@ -268,7 +270,7 @@ def _set_state(memory: NDArray, x: ArrayLike, theta_m: ArrayLike) -> NDArray[np.
 
 
 class Plant(NativeComponent):
-    """Springs, mechanism and contact as one continuous component.
+    """Continuous component of the plant: springs, mechanism and contact.
 
     Args:
         parameters: true parameters.
@@ -295,7 +297,7 @@ class Plant(NativeComponent):
         )  # fmt: skip
 
     def set_state(self, x: ArrayLike, theta_m: ArrayLike) -> NDArray[np.float64]:
-        """Set the state `x` at motor angles `theta_m`, with dry friction at rest; return the outputs there."""
+        """Set the plant's state and motor angles, with dry friction at rest; return the outputs there."""
         return _set_state(self.memory, x, theta_m)
 
     def explain(self, status: int) -> str:
@@ -321,13 +323,12 @@ def _deflect(m):
 
 
 def rest_state(parameters: PlantParameters, p_B: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Compute state x (8,) and motor angles theta_m (3,) of a platform at rest at `p_B` (3,), in m.
+    """Compute the plant's state (8,) and motor angles (3,) with the platform at rest at `p_B` (3,), m.
 
     The net force on the platform is zero with velocities and bristle zero; a loaded spring is at the far side of its
     backlash, an unloaded one in the middle. Deflections follow from `joint_torque` at speed zero, where losses in the
     direction of the power flow (P1) vanish. Dry friction is unloaded, in the middle of its range. No spring may be
-    broken,
-    as no other part would carry its share.
+    broken, as no other part would carry its share.
 
     Raises:
         Unreachable: `p_B` is outside the workspace.

@@ -27,7 +27,7 @@ CONE_ROUNDING = 1e-9
 
 
 class Shape(IntEnum):
-    """Shape of a surface; names as in an experiment's file, in capitals.
+    """Shape of the contact surface; names as in an experiment's file, in capitals.
 
     A cylinder is named after the direction of its axis.
     """
@@ -40,13 +40,13 @@ class Shape(IntEnum):
 
 @njit(cache=True, forceinline=True)
 def dot(a, x, y, z):
-    """Scalar product of the triple `a` with (x, y, z)."""
+    """Return the scalar product of the triple `a` with (x, y, z)."""
     return a[0] * x + a[1] * y + a[2] * z
 
 
 @njit(cache=True)
 def apex_frame(parameters):
-    """Tangents e_1, e_2 and normal n of the surface at its apex, triples in B."""
+    """Return tangents e_1, e_2 and normal n of the surface at its apex, triples in frame B."""
     sin_t, cos_t = math.sin(parameters.tilt), math.cos(parameters.tilt)
     sin_x, cos_x = math.sin(parameters.tilt_x), math.cos(parameters.tilt_x)
     e_1 = (cos_t, 0.0, -sin_t)
@@ -59,7 +59,7 @@ def apex_frame(parameters):
 # the master calls by address
 @njit(cache=True, error_model="numpy")
 def surface_frame(parameters, x, y, z):
-    """Depth (m, positive inside) and local frame of the surface at the head, with O_P at (x, y, z) of B.
+    """Return penetration depth (m) and local surface frame (e_1, e_2, n) at the head's position (x, y, z).
 
     The frame consists of tangents e_1, e_2 and normal n, triples in B. On a curved surface the tangents are the apex's,
     carried along the great circle (the smallest rotation from one normal to the other): they depend smoothly on the
@@ -71,7 +71,7 @@ def surface_frame(parameters, x, y, z):
 
 @njit(cache=True)
 def surface_depth(parameters, x, y, z):
-    """Depth (m, positive inside) of the head with O_P at (x, y, z) of B."""
+    """Return the depth (m, positive inside) of the head in the surface, with O_P at (x, y, z) of B."""
     head, apex = parameters.head, apex_frame(parameters)
     x, y, z = x + head[0], y + head[1], z + head[2]
     if parameters.shape == Shape.PLANE:
@@ -81,13 +81,13 @@ def surface_depth(parameters, x, y, z):
 
 @njit(cache=True, forceinline=True)
 def plane_depth(parameters, normal, x, y, z):
-    """Depth (m) below a plane at (x, y, z)."""
+    """Return the depth (m) of the point (x, y, z) below a plane surface."""
     return -normal[0] * x - normal[1] * y + normal[2] * (parameters.z_s - z)
 
 
 @njit(cache=True, forceinline=True)
 def depth_and_offset(parameters, apex, x, y, z):
-    """Depth (m) in a curved surface at (x, y, z), and offset from its centre or axis.
+    """Return the depth (m) of a point in a curved surface, and its offset from the surface's centre or axis.
 
     The offset is given in the apex's axes, followed by its length (m).
     """
@@ -107,7 +107,7 @@ def depth_and_offset(parameters, apex, x, y, z):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def frame_at(parameters, apex, x, y, z):
-    """`surface_frame` at (x, y, z) itself; `apex` is the frame at the apex."""
+    """Return depth and local frame at the point (x, y, z) of the surface, from the frame at the apex."""
     a_1, a_2, a_3 = apex
     if parameters.shape == Shape.PLANE:
         return plane_depth(parameters, a_3, x, y, z), a_1, a_2, a_3
@@ -121,7 +121,7 @@ def frame_at(parameters, apex, x, y, z):
 
 @njit(cache=True)
 def _in_B(a_1, a_2, a_3, x, y, z):
-    """The vector with components x, y, z along a_1, a_2, a_3, as a triple in B."""
+    """Return the vector with components x, y, z along the axes a_1, a_2, a_3 as a triple in frame B."""
     return (
         a_1[0] * x + a_2[0] * y + a_3[0] * z,
         a_1[1] * x + a_2[1] * y + a_3[1] * z,
@@ -131,7 +131,7 @@ def _in_B(a_1, a_2, a_3, x, y, z):
 
 @njit(cache=True)
 def normal_force(parameters, apex, x, y, z, vx, vy, vz):
-    """Normal force (N, >= 0) and depth (m, positive inside) at position and velocity of the platform.
+    """Return the contact's normal force (N, >= 0) and depth (m) at a position and velocity of the platform.
 
     `apex` is the surface's frame at its apex, here and below; it is computed once for all positions.
     """
@@ -143,7 +143,7 @@ def normal_force(parameters, apex, x, y, z, vx, vy, vz):
 # the master calls by address
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _shorten(x, y, limit):
-    """The vector (x, y), shortened to length `limit` if it is longer."""
+    """Return the vector (x, y), shortened to length `limit` if it is longer."""
     length = math.sqrt(x * x + y * y)
     if length <= limit:
         return x, y
@@ -152,13 +152,16 @@ def _shorten(x, y, limit):
 
 @njit(cache=True, forceinline=True)
 def settled_bristle(parameters, F_n, z_1, z_2):
-    """Return mapping of the bristle: scaled back so that sigma_0 |z_b| <= mu F_n; zero without contact."""
+    """Scale the friction bristle back onto the cone sigma_0 |z_b| <= mu F_n; zero without contact."""
     return _shorten(z_1, z_2, parameters.mu * F_n / parameters.sigma_0)
 
 
 @njit(cache=True, forceinline=True)
 def friction(parameters, F_n, z_1, z_2, v_1, v_2):
-    """Force BY the robot ON the surface along e_1, e_2 (N): sigma_0 z_b + sigma_1 v_t, kept inside the cone mu F_n."""
+    """Return the friction force BY the robot ON the surface along e_1, e_2 (N): sigma_0 z_b + sigma_1 v_t.
+
+    It is kept inside the cone mu F_n.
+    """
     z_1, z_2 = settled_bristle(parameters, F_n, z_1, z_2)
     f_1 = parameters.sigma_0 * z_1 + parameters.sigma_1 * v_1
     f_2 = parameters.sigma_0 * z_2 + parameters.sigma_1 * v_2
@@ -167,7 +170,10 @@ def friction(parameters, F_n, z_1, z_2, v_1, v_2):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def bristle_rate(parameters, F_n, z_1, z_2, v_1, v_2):
-    """Bristle rate dz_b/dt (m/s): tangential velocity, without the component that would stretch a sliding bristle."""
+    """Return the rate of the friction bristle dz_b/dt (m/s).
+
+    It is the tangential velocity, without the component that would stretch a sliding bristle.
+    """
     limit = parameters.mu * F_n / parameters.sigma_0
     length = math.sqrt(z_1 * z_1 + z_2 * z_2)
     # return mapping leaves a sliding bristle at the limit: its last bit must not decide whether it slides
@@ -183,7 +189,7 @@ def bristle_rate(parameters, F_n, z_1, z_2, v_1, v_2):
 
 @njit(cache=True, forceinline=True)
 def touch(parameters, apex, x, y, z, vx, vy, vz, z_1, z_2):
-    """Force, normal force and bristle rate of a contact: (fx, fy, fz, F_n, dz_1, dz_2).
+    """Return force, normal force and bristle rate of the contact: (fx, fy, fz, F_n, dz_1, dz_2).
 
     Force BY the robot ON the surface in B (N; pressing gives fz < 0), normal force (N, >= 0), bristle rate (m/s).
     """
@@ -204,7 +210,7 @@ def touch(parameters, apex, x, y, z, vx, vy, vz, z_1, z_2):
 
 @njit(cache=True)
 def contact_force(parameters, x, y, z, vx, vy, vz, z_1, z_2):
-    """Force BY the robot ON the surface in B (N) with O_P at (x, y, z): (fx, fy, fz), pressing gives fz < 0."""
+    """Return the contact force (fx, fy, fz) BY the robot ON the surface in B (N); pressing gives fz < 0."""
     x, y, z = x + parameters.head[0], y + parameters.head[1], z + parameters.head[2]
     fx, fy, fz, _, _, _ = touch(parameters, apex_frame(parameters), x, y, z, vx, vy, vz, z_1, z_2)
     return fx, fy, fz

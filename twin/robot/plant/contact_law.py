@@ -26,7 +26,7 @@ from twin.robot.plant.surface_motion import Breathing, Shift
 
 
 class ContactLaw(IntEnum):
-    """Law of the normal force; names as in an experiment's file, in capitals."""
+    """Law of the contact's normal force; names as in an experiment's file, in capitals."""
 
     HUNT_CROSSLEY = 0
     KELVIN_VOIGT = 1
@@ -37,7 +37,7 @@ class ContactLaw(IntEnum):
 # that the master calls by address
 @njit(cache=True, error_model="numpy", forceinline=True)
 def elastic_force(parameters, d):
-    """Static force (N) of a surface at depth `d` > 0 (m)."""
+    """Return the static contact force (N) of the surface at depth `d` > 0 (m)."""
     if parameters.law == ContactLaw.EXPONENTIAL:
         return parameters.K / parameters.stiffening * math.expm1(parameters.stiffening * d)
     if parameters.law == ContactLaw.HUNT_CROSSLEY and parameters.exponent != 1.0:
@@ -47,7 +47,7 @@ def elastic_force(parameters, d):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def pressing_force(parameters, d, rate):
-    """Normal force (N, >= 0) at depth `d` (m, positive inside) that grows at `rate` (m/s)."""
+    """Return the normal force (N, >= 0) of the contact law at depth `d` (m) and its rate of change (m/s)."""
     if d <= 0.0:
         return 0.0
     if parameters.law == ContactLaw.KELVIN_VOIGT:
@@ -58,7 +58,7 @@ def pressing_force(parameters, d, rate):
 
 
 class LawKeys(NamedTuple):
-    """Mandatory and optional keys of a law, apart from the stiffness."""
+    """Mandatory and optional keys of a contact law in [contact], apart from the stiffness."""
 
     needed: tuple[str, ...]
     optional: tuple[str, ...] = ()
@@ -128,12 +128,12 @@ class Contact(Settings):
 
     @property
     def motions(self) -> list[Breathing | Shift]:
-        """Tables of the surface's motions that are present."""
+        """Tables of the surface's motions, breathing and shift, that the experiment has."""
         return [table for table in (self.breathing, self.shift) if table is not None]
 
     @property
     def law_constants(self) -> dict[str, Any]:
-        """Given constants of the law, by attribute."""
+        """Given constants of the contact law, by attribute."""
         return {name: getattr(self, name) for name in KEYS_BY_LAW[self.law].all if getattr(self, name) is not None}
 
     @field_validator("shape")
@@ -177,7 +177,7 @@ class Contact(Settings):
 
 
 def _is_missing(name: str, checked: dict[str, Any]) -> bool:
-    """Whether `name` is missing; an invalid value has been reported already."""
+    """Whether a key of a table is missing; an invalid value has been reported already and does not count."""
     return name in checked and checked[name] is None
 
 

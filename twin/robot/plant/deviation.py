@@ -14,7 +14,7 @@ RESULT_COUNT = 7
 
 @njit(cache=True, inline="always")
 def column_value(row, column):
-    """Value of a column; NaN if the row has no such column."""
+    """Return the value of a column in a row of signals; NaN if the row has no such column."""
     return row[column] if column >= 0 else np.nan
 
 
@@ -47,7 +47,7 @@ def _add_up(rows, count, width, columns, touched, found, off):
 
 
 class DeviationSums:
-    """Sums over one block of at most `size` rows at a time.
+    """Sums of force and position errors over one block of at most `size` signal rows.
 
     Attributes:
         squares: sums of the squares of p_B - p_ref_B, added in the order of the rows, (3,) m^2.
@@ -60,7 +60,7 @@ class DeviationSums:
         self._found, self._off = np.zeros(RESULT_COUNT), np.empty(size)
 
     def add_block(self, rows: NDArray[np.float64], columns: NDArray[np.int64], touched: bool = False) -> None:
-        """Compute the sums of a block.
+        """Compute the sums of force and position errors of a block of rows.
 
         Args:
             rows: (n, width), n at most `size`.

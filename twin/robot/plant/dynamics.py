@@ -178,10 +178,8 @@ class PlantParameters(
 
     Every number of [plant] and [contact] by its name there, but for `z_s`, the height, `K`, the stiffness, `mu`, the
     friction, and `sigma_0` and `sigma_1`, the bristle's stiffness and damping (see `contact_law.py` and `contact.py`),
-    and
-    the condition of each joint. Optional values default to a robot without the effect: `eta_rate` 0, the paper's
-    constant
-    efficiency, and hard stops at infinity.
+    and the condition of each joint. Optional values default to a robot without the effect: `eta_rate` 0, the paper's
+    constant efficiency, and hard stops at infinity.
     """
 
 
@@ -191,20 +189,20 @@ PARAMETERS_RECORD = record_of(PlantParameters)
 
 @njit(cache=True, forceinline=True)
 def spring_deflection(parameters, leg, theta_m, theta_l):
-    """Deflection that loads the spring of `leg` (rad, motor side): Eq. 19 less the belt's slip and the backlash."""
+    """Return the deflection that loads a leg's spring (rad, motor side): Eq. 19 less belt slip and backlash."""
     d = deflection(theta_m, theta_l, parameters.N) - parameters.slip[leg]
     return dead_zone(d, parameters.backlash + parameters.backlash_added[leg])
 
 
 @njit(cache=True, forceinline=True)
 def spring_stiffness(parameters, leg):
-    """Stiffness (N m/rad) of the spring of `leg`: k_s as built, times its remaining share."""
+    """Return the stiffness (N m/rad) of a leg's spring: k_s as built, times its remaining share."""
     return parameters.k_s * parameters.k_s_share[leg]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def series_share(parameters, leg):
-    """Share of the stiffness of the spring of `leg` that remains with a belt in series (1).
+    """Return the share (0 .. 1) of a spring's stiffness that remains with an elastic belt in series.
 
     A massless belt that yields by c per torque on the joint gives 1/k = 1/k_s + N^2 c on the motor's side.
     """
@@ -213,7 +211,10 @@ def series_share(parameters, leg):
 
 @njit(cache=True, forceinline=True)
 def has_effects(parameters):
-    """Whether the robot has any of the small effects on its joints; if not, their evaluation can be skipped."""
+    """Whether the robot has small effects on its joints: friction, stops, hysteresis, elastic belt, tilted mounting.
+
+    Without any, their evaluation can be skipped.
+    """
     p = parameters
     springs = (p.belt_compliance > 0.0) | (p.spring_hysteresis > 0.0) | (p.spring_stop < math.inf)
     joints = (p.joint_friction > 0.0) | (p.joint_lower > -math.inf) | (p.joint_upper < math.inf)
@@ -222,7 +223,7 @@ def has_effects(parameters):
 
 @njit(cache=True)
 def loaded_deflection(parameters, anchors, leg, theta_m, theta_l):
-    """Deflection (rad, motor side) of an ideal spring with the torque of the spring of `leg`.
+    """Return the deflection (rad, motor side) of an ideal spring that gives the torque of the leg's real spring.
 
     The real spring may be at its stop, have hysteresis and be in series with an elastic belt.
     """
@@ -234,21 +235,21 @@ def loaded_deflection(parameters, anchors, leg, theta_m, theta_l):
 
 @njit(cache=True)
 def _push(parameters, anchors, leg, theta_l):
-    """Torque (N m) of dry friction and hard stops on the joint of `leg`."""
+    """Return the torque (N m) of dry friction and hard stops on a leg's joint."""
     push = stop_torque(parameters, theta_l)
     return push - friction_torque(parameters, anchors, leg, theta_l) if parameters.joint_friction > 0.0 else push
 
 
 @njit(cache=True, forceinline=True)
 def head_sees(parameters, s_B):
-    """Displacement of the surface relative to the head, for a surface displaced by the triple `s_B` (m)."""
+    """Return the displacement (m) of the surface relative to the head, from the surface's displacement `s_B` (m)."""
     head = parameters.head
     return s_B[0] - head[0], s_B[1] - head[1], s_B[2] - head[2]
 
 
 @njit(cache=True)
 def settle_friction(parameters, x, theta_m, anchors):
-    """Drag the anchors of dry friction, in place, to the state `x` at the motor angles `theta_m` (3) in rad."""
+    """Move the anchors of dry friction, in place, as dragged by the plant's state and motor angles."""
     for leg in range(3):
         k_r, k_z, _, _, _, _ = leg_vectors(parameters, leg, x[0], x[1], x[2])
         theta_l = angle_near(anchors, leg, k_r, k_z)
@@ -258,7 +259,7 @@ def settle_friction(parameters, x, theta_m, anchors):
 
 @njit(cache=True, forceinline=True)
 def joint_torque(parameters, leg, d, omega_l):
-    """Torque tau_l (N m) of the spring of `leg` on the joint at deflection `d` (Eq. 20).
+    """Return the torque tau_l (N m) of a leg's spring on its joint at deflection `d` (Eq. 20).
 
     The efficiency is constant, or depends on the direction of motion if `eta_rate` is positive.
     """
@@ -270,7 +271,7 @@ def joint_torque(parameters, leg, d, omega_l):
 
 @njit(cache=True, forceinline=True)
 def _joint(parameters, anchors, leg, theta_m, theta_l, omega_l, k_r, k_z, up, special):
-    """Torque (N m) on the joint of `leg` by its spring, damping, dry friction and stops, and the weight of its arm.
+    """Return the total torque (N m) on a leg's joint: spring, damping, dry friction, stops, weight of the arm.
 
     theta_l, omega_l, k_r, k_z are `compiled.lanes` over all legs; the other arguments as in `acceleration`.
     """
@@ -293,7 +294,7 @@ def _lane_sum(start, lanes):
 # calls by address
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _solve_symmetric(a, b, c, d, e, f, x, y, z):
-    """Solve [[a, b, c], [b, d, e], [c, e, f]] s = (x, y, z) by cofactors."""
+    """Solve the symmetric system [[a, b, c], [b, d, e], [c, e, f]] s = (x, y, z) by cofactors."""
     m11, m12, m13 = d * f - e * e, c * e - b * f, b * e - c * d
     m22, m23, m33 = a * f - c * c, b * c - a * e, a * d - b * b
     share = 1.0 / (a * m11 + b * m12 + c * m13)
@@ -306,7 +307,7 @@ def _solve_symmetric(a, b, c, d, e, f, x, y, z):
 
 @njit(cache=True, error_model="numpy")
 def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors, special=True):
-    """Acceleration dv/dt (m/s^2) of the platform and rate dz_b/dt (m/s) of the bristle, two tuples.
+    """Compute the platform's acceleration dv/dt (m/s^2) and the bristle's rate dz_b/dt (m/s), two tuples.
 
     Both are NaN outside the workspace, for lack of joint angles.
 
@@ -331,7 +332,7 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors, spec
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def acceleration_against(parameters, p, v, theta_m, F_ee_B, anchors, special):
-    """Acceleration dv/dt (m/s^2), a triple, of a platform that exerts `F_ee_B` (N), a triple.
+    """Compute the acceleration dv/dt (m/s^2) of a platform that exerts the given force `F_ee_B` (N).
 
     The other arguments as in `acceleration`.
     """
@@ -375,7 +376,7 @@ def acceleration_against(parameters, p, v, theta_m, F_ee_B, anchors, special):
 
 @njit(cache=True)
 def derivative(parameters, x, theta_m, s_B, v_s_B, dx):
-    """Compute dx/dt into `dx` for the state `x` (8,), see `STATE_SIZE`, without dry friction.
+    """Compute the derivative dx/dt of the plant's state (8,) into `dx`, without dry friction.
 
     The other arguments as in `acceleration`.
     """
@@ -384,7 +385,7 @@ def derivative(parameters, x, theta_m, s_B, v_s_B, dx):
 
 @njit(cache=True)
 def derivative_near(parameters, x, theta_m, s_B, v_s_B, anchors, dx):
-    """Compute dx/dt into `dx` as `derivative` does, with dry friction at the given `anchors`."""
+    """Compute the derivative dx/dt of the plant's state into `dx`, with dry friction at the given anchors."""
     p, v, z_b, s_B = (x[0], x[1], x[2]), (x[3], x[4], x[5]), (x[6], x[7]), head_sees(parameters, s_B)
     dx[0], dx[1], dx[2] = v
     dv, dz = acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex_frame(parameters), anchors)

@@ -40,7 +40,7 @@ SCALE_MEMORY = record(resolution="f8")
 
 @njit(cache=True)
 def random_word(state):
-    """Return the next 64 bits of the generator `state`, an array (1,) of uint64 that is advanced: splitmix64."""
+    """Advance the splitmix64 generator in `state`, (1,) uint64, and return its next 64 bits."""
     state[0] += _STRIDE
     word = state[0]
     word = (word ^ (word >> _30)) * _MIX_1
@@ -63,7 +63,7 @@ def normal(state):
 
 @njit(cache=True)
 def count(angle, reader, random):
-    """Whole counts of an encoder at its shaft's `angle` (rad), NaN if not representable.
+    """Return the whole counts of an encoder at its shaft's angle (rad), with noise; NaN if not representable.
 
     `random` is the state of the noise.
     """
@@ -93,7 +93,7 @@ def step(m, t, h, u, y):
 
 
 class Shaft(NamedTuple):
-    """The encoders of three shafts of one kind.
+    """Properties of the encoders of three shafts of one kind (motors or joints).
 
     Attributes:
         counts: counts per turn.
@@ -109,17 +109,17 @@ class Shaft(NamedTuple):
     eccentric_at: Sequence[float] = (0.0, 0.0, 0.0)
 
     def error(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Error of the encoders at `angles` (3,), rad, before noise and rounding."""
+        """Return the errors of the encoders at `angles` (3,), rad, before noise and rounding."""
         return np.array(self.zero) + np.array(self.eccentricity) * np.sin(angles - np.array(self.eccentric_at))
 
     def readers(self) -> list[tuple[float, ...]]:
-        """Return the encoders as records of `READER_RECORD`."""
+        """Return the properties of each encoder as a record of `READER_RECORD`."""
         each = zip(self.zero, self.eccentricity, self.eccentric_at, strict=True)
         return [(self.counts / (2 * np.pi), zero, self.noise, e, at) for zero, e, at in each]
 
 
 class Encoder(NativeComponent):
-    """Motor and joint encoders of the three legs; counts are rounded to the nearest.
+    """Sampled component of the motor and joint encoders of the three legs; counts are rounded to the nearest.
 
     Args:
         motor, joint: properties of the encoders.
@@ -149,7 +149,7 @@ def scale_step(m, t, h, u, y):
 
 
 class Scale(NativeComponent):
-    """Display of the true contact force, rounded to the nearest step of `resolution` (N), every `period` ticks."""
+    """Sampled component of the electronic scale: true contact force, rounded to steps of `resolution` (N)."""
 
     def __init__(self, resolution: float, period: int = 1):
         super().__init__(

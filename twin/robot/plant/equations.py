@@ -74,26 +74,26 @@ def _settle_at(m):
 
 
 class PlantEquations:
-    """The plant's equations for given true parameters."""
+    """The plant's differential equations outside a co-simulation, for given true parameters."""
 
     def __init__(self, parameters: PlantParameters):
         self._at = memory_of(_EQUATIONS_RECORD, parameters=tuple(parameters), anchors=INITIAL_ANCHORS)
 
     def hold(self, x: ArrayLike, theta_m: ArrayLike) -> None:
-        """Anchor dry friction at the state `x` (8,), at motor angles `theta_m` (3,) in rad."""
+        """Anchor the dry friction at a state (8,) and motor angles (3,) in rad, replacing earlier anchors."""
         self._set_state(x, theta_m)
         self._at["anchors"] = INITIAL_ANCHORS
         _hold(self._at)
 
     def derivative(self, x: ArrayLike, theta_m: ArrayLike) -> NDArray[np.float64]:
-        """Return dx/dt (8,); NaN outside the workspace."""
+        """Return the derivative dx/dt (8,) of the plant's state; NaN outside the workspace."""
         self._set_state(x, theta_m)
         _derive(self._at)
         dx: NDArray[np.float64] = self._at["dx"][0].copy()
         return dx
 
     def outputs(self, x: ArrayLike, theta_m: ArrayLike) -> np.ndarray:
-        """Return the component's outputs (1,), a record of `OUTPUTS_RECORD`, with dry friction at rest."""
+        """Return the plant's outputs (1,), a record of `OUTPUTS_RECORD`, with dry friction at rest."""
         self._set_state(x, theta_m)
         self._at["anchors"] = INITIAL_ANCHORS
         y = np.empty(1, dtype=OUTPUTS_RECORD)
@@ -101,7 +101,7 @@ class PlantEquations:
         return y
 
     def settle_bristle(self, x: ArrayLike) -> NDArray[np.float64]:
-        """Return `x` with its bristle scaled back onto the friction cone, as at the end of every integration step."""
+        """Return the plant's state with its friction bristle scaled back onto the friction cone."""
         self._at["x"] = x
         _settle_at(self._at)
         settled: NDArray[np.float64] = self._at["x"][0].copy()
@@ -113,7 +113,7 @@ class PlantEquations:
 
 @cache
 def outputs_at_start(moving, ramp):
-    """Compile the outputs of a plant before its first step, from its state and the motor angles in its inputs."""
+    """Compile the function that computes an exported plant's outputs before its first step."""
 
     @step_function(PLANT_MEMORY, plant_inputs(moving, ramp), PLANT_OUTPUTS)
     def start(m, t, h, u, y):
@@ -132,13 +132,13 @@ def outputs_at_start(moving, ramp):
 
 @njit(cache=True)
 def cross(a, b):
-    """Vector product of two triples."""
+    """Return the vector product of two triples."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @njit(cache=True, error_model="numpy")
 def _share(w, a, b, c):
-    """Coefficient of the triple `a` in `w`, a linear combination of `a`, `b` and `c`: Cramer's rule."""
+    """Return the coefficient of the triple `a` in `w`, a linear combination of `a`, `b`, `c` (Cramer's rule)."""
     n = cross(b, c)
     return (w[0] * n[0] + w[1] * n[1] + w[2] * n[2]) / (a[0] * n[0] + a[1] * n[1] + a[2] * n[2])
 

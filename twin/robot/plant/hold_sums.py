@@ -59,13 +59,13 @@ row belongs to a tap, peak of the last tap."""
 
 @njit(cache=True, inline="always")
 def _largest(so_far, value):
-    """The larger of `so_far` and |value|; NaN is ignored."""
+    """Return the larger of `so_far` and |value|; NaN is ignored."""
     return abs(value) if abs(value) > so_far else so_far
 
 
 @njit(cache=True, inline="always")
 def _end_hold(s):
-    """Keep the chatter of the ending hold if it is the worst so far."""
+    """End a hold of the force: keep its chatter if it is the largest of all holds so far."""
     if s.span > 0.0:
         square = s.swings / s.span
         if square > s.worst:
@@ -78,7 +78,7 @@ def _end_hold(s):
 
 @njit(cache=True, inline="always")
 def _swing(s, e):
-    """Add one value of a hold to its chatter."""
+    """Add one force error of a hold to the sums of its chatter, through two high-passes."""
     if s.span == 0.0:
         s.y_1 = s.y_2 = s.swings = s.sign = s.ups = 0.0
         s.x_1 = e
@@ -97,7 +97,7 @@ def _swing(s, e):
 
 @njit(cache=True, inline="always")
 def _drives(s, row, column):
-    """Add torque, current, work and energy of the drives; power is held from row to row."""
+    """Add a row's torque, current, work and energy of the drives to their sums; power is held from row to row."""
     s.work += s.work_last * s.dt
     s.energy += s.power_last * s.dt
     s.work_last = s.power_last = 0.0
@@ -114,7 +114,7 @@ def _drives(s, row, column):
 
 @njit(cache=True, inline="always")
 def _task(t, k, F, e, on, held, grace):
-    """Add a row of a task to its sums `t`."""
+    """Add a row to the sums of a task's force error and overshoot."""
     if on and t[0] < 0.0:
         t[0] = k
     if held:
@@ -129,7 +129,7 @@ def _task(t, k, F, e, on, held, grace):
 
 @njit(cache=True, inline="always")
 def _extremes(s, t, tick, F, phase):
-    """Add a tick of a task to the extremes of its force `t`; a tap lasts until the next one begins."""
+    """Update the least and largest force of a task, or of its tap peaks, by one tick."""
     tap = phase == s.tap
     if tap and t[11] == 0.0:
         # the least peak so far includes completed taps only

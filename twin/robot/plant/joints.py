@@ -32,7 +32,7 @@ ANCHOR_SIZE = 5
 
 @njit(cache=True, forceinline=True)
 def upward(parameters):
-    """Unit vector against gravity in base frame B, a triple."""
+    """Return the unit vector against gravity in the frame B of a tilted base, a triple."""
     if parameters.mounting_tilt == 0.0 and parameters.mounting_tilt_x == 0.0:
         return 0.0, 0.0, 1.0
     sin_t, cos_t = math.sin(parameters.mounting_tilt), math.cos(parameters.mounting_tilt)
@@ -42,19 +42,19 @@ def upward(parameters):
 
 @njit(cache=True, forceinline=True)
 def gravity_lever(up, leg, k_r, k_z):
-    """Lever (m) of a weight at the knee (k_r, k_z) of `leg`: its torque on the joint is weight times lever."""
+    """Return the lever (m) of a weight at a leg's knee about the joint: torque = weight * lever."""
     return up[2] * k_r - (LEG_COS[leg] * up[0] + LEG_SIN[leg] * up[1]) * k_z
 
 
 @njit(cache=True)
 def arm_torque(parameters, up, leg, theta_l):
-    """Torque (N m) of the arm's weight on the joint of `leg` at the angle `theta_l` (rad)."""
+    """Return the torque (N m) of an arm's weight on its joint at the angle `theta_l` (rad)."""
     return arm_weight(parameters) * parameters.l_a * gravity_lever(up, leg, np.cos(theta_l), -np.sin(theta_l))
 
 
 @njit(cache=True, forceinline=True)
 def _clamp(value, limit):
-    """Limit `value` to +-`limit`; 0 for NaN, i.e. without an anchor."""
+    """Limit `value` to +-`limit`; 0 for NaN."""
     if value > limit:
         return limit
     if value < -limit:
@@ -65,41 +65,41 @@ def _clamp(value, limit):
 # NumPy division here and below: an exception is lost in compiled code that the master calls by address
 @njit(cache=True, error_model="numpy", forceinline=True)
 def friction_torque(parameters, anchors, leg, theta_l):
-    """Torque (N m) of a joint's dry friction, (P14)."""
+    """Return the torque (N m) of dry friction on a leg's joint, (P14)."""
     away = theta_l - anchors[leg, JOINT_ANCHOR]
     return _clamp(parameters.joint_friction / parameters.joint_presliding * away, parameters.joint_friction)
 
 
 @njit(cache=True, forceinline=True)
 def hysteresis_deflection(parameters, anchors, leg, d):
-    """Deflection (rad) of a spring without hysteresis with the same torque as this one at `d`, (P15)."""
+    """Return the deflection (rad) of a spring without hysteresis with the same torque as this spring at `d`, (P15)."""
     return d + _clamp(d - anchors[leg, SPRING_ANCHOR], parameters.spring_hysteresis * abs(d))
 
 
 @njit(cache=True, forceinline=True)
 def drag(parameters, anchors, leg, theta_l, d):
-    """Move the anchors of `leg`, in place, as dragged by the joint at `theta_l` and its spring at `d` (rad)."""
+    """Move a leg's friction anchors, in place, as dragged by its joint at `theta_l` and its spring at `d` (rad)."""
     anchors[leg, JOINT_ANCHOR] = theta_l - _clamp(theta_l - anchors[leg, JOINT_ANCHOR], parameters.joint_presliding)
     anchors[leg, SPRING_ANCHOR] = d - _clamp(d - anchors[leg, SPRING_ANCHOR], parameters.spring_hysteresis * abs(d))
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def stop_deflection(parameters, d):
-    """Deflection (rad) of a spring without a stop with the same torque as this one at `d`."""
+    """Return the deflection (rad) of a spring without a stop with the same torque as this spring at `d`."""
     over = abs(d) - parameters.spring_stop
     return d + math.copysign(parameters.stop / parameters.k_s * over, d) if over > 0.0 else d
 
 
 @njit(cache=True, error_model="numpy")
 def inverse_stop_deflection(parameters, d):
-    """Deflection (rad) of a spring with a stop with the torque of one without at `d`: inverse of `stop_deflection`."""
+    """Return the deflection (rad) of a spring with a stop with the torque of a spring without one at `d`."""
     over = abs(d) - parameters.spring_stop
     return d - math.copysign(over - over / (1.0 + parameters.stop / parameters.k_s), d) if over > 0.0 else d
 
 
 @njit(cache=True, forceinline=True)
 def stop_torque(parameters, theta_l):
-    """Torque (N m) of the hard stops on a joint out of its range; 0 within."""
+    """Return the torque (N m) of the hard stops on a joint outside its range; 0 within."""
     if theta_l > parameters.joint_upper:
         return parameters.stop * (parameters.joint_upper - theta_l)
     if theta_l < parameters.joint_lower:

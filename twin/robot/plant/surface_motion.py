@@ -30,14 +30,14 @@ BODY_MEMORY = record(motions="i8", count="i8")
 
 
 class MotionKind(IntEnum):
-    """Kind of a motion of the surface."""
+    """Kind of a motion of the body's surface."""
 
     BREATHING = 0
     SHIFT = 1
 
 
 class Motion(NamedTuple):
-    """One motion of the surface, SI.
+    """One motion of the body's surface, SI.
 
     Attributes:
         kind: breathing or shift.
@@ -65,7 +65,7 @@ class Breathing(Settings):
 
     @property
     def motion(self) -> Motion:
-        """Breathing as a motion along z."""
+        """Breathing as a surface motion along z."""
         return Motion(**(numbers(self) | {"kind": MotionKind.BREATHING, "displacement": (0.0, 0.0, self.amplitude)}))
 
 
@@ -79,7 +79,7 @@ class Shift(Settings):
 
     @property
     def motion(self) -> Motion:
-        """The shift as a motion."""
+        """Shift of the body as a surface motion."""
         return Motion(MotionKind.SHIFT, **numbers(self))
 
 
@@ -91,7 +91,7 @@ _motions_at = pointer_to(MOTION_RECORD)
 # by address
 @njit(cache=True, error_model="numpy")
 def breathing(motion, t):
-    """Displacement by breathing at `t` (s), as a share of the amplitude, and its rate of change (1/s)."""
+    """Return the displacement by breathing at `t` (s), as a share of the amplitude, and its rate of change (1/s)."""
     last = motion.onset + np.ceil((motion.end - motion.onset) * motion.rate) / motion.rate
     if t <= motion.onset or t >= last:
         return 0.0, 0.0
@@ -102,7 +102,7 @@ def breathing(motion, t):
 
 @njit(cache=True, error_model="numpy")
 def least_jerk(t, rise):
-    """Completed share of a shift with duration `rise` (s), `t` seconds after its start, and its rate (1/s)."""
+    """Return the completed share of a shift of duration `rise` (s), `t` seconds after its start, and its rate (1/s)."""
     if t <= 0.0:
         return 0.0, 0.0
     if t >= rise:
@@ -113,7 +113,7 @@ def least_jerk(t, rise):
 
 @njit(cache=True)
 def progress(motion, t):
-    """Share of the displacement that `motion` has reached at `t` (s), and its rate of change (1/s)."""
+    """Return the share of its displacement that a surface motion has reached at `t` (s), and its rate (1/s)."""
     if motion.kind == MotionKind.BREATHING:
         return breathing(motion, t)
     there, v_there = least_jerk(t - motion.onset, motion.rise)
@@ -136,7 +136,7 @@ def step(m, t, h, u, y):
 
 
 class Body(NativeComponent):
-    """The surface's motion: the sum of `motions`, sampled every tick."""
+    """Sampled component of the body under the robot: the sum of its surface motions, every tick."""
 
     def __init__(self, motions: Sequence[Motion]):
         table = np.array([tuple(motion) for motion in motions], dtype=MOTION_RECORD)

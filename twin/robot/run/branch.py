@@ -30,7 +30,7 @@ LENGTH_KEYS = ("a_mm", "b_mm", "l_a_mm", "l_b_mm")
 
 
 def refuse_fixed_keys(settings: Sequence[str], option: str = "--set") -> None:
-    """Refuse settings that cannot change in mid-run.
+    """Refuse settings of a branch that cannot change in mid-run.
 
     Args:
         settings: "table.key=value" texts.
@@ -54,7 +54,7 @@ def branched_experiment(
     faults: Sequence[str] = (),
     body: str | None = None,
 ) -> Experiment:
-    """Load the experiment of `recording` with changes that act from some time on.
+    """Load the experiment of a recorded run with changes that act from a later time on.
 
     Args:
         recording: MCAP file of the run.
@@ -72,7 +72,7 @@ def branched_experiment(
 
 
 def start_branch(simulation: Simulation, saved: SavedState) -> None:
-    """Start `simulation` of a branch from `saved`, the parent run's state.
+    """Start the simulation of a branch from the saved state of its parent run.
 
     Raises:
         InputRefused: a new component has memory, so it cannot start in mid-run.
@@ -81,7 +81,7 @@ def start_branch(simulation: Simulation, saved: SavedState) -> None:
 
 
 def add_components(simulation: Simulation, new: Collection[str]) -> None:
-    """Start the components named `new` in `simulation`, where all others are in mid-run.
+    """Start new components, such as faults, in a simulation where all others are in mid-run.
 
     Raises:
         InputRefused: a new component has memory, so it cannot start in mid-run.

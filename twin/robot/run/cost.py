@@ -15,7 +15,7 @@ MAX_DISK_BYTES = 5e9
 
 
 def estimate(experiment: Experiment) -> tuple[float, float]:
-    """Return the estimated wall time (s) and recording size (bytes) of a run of `experiment`."""
+    """Return the estimated wall time (s) and recording size (bytes) of a run."""
     ticks = experiment.duration_ticks
     shortest = experiment.controller_ticks if experiment.recording.rate == "controller" else 1
     return ticks * SECONDS_PER_TICK, ticks / shortest * BYTES_PER_TICK

@@ -21,7 +21,7 @@ from twin.robot.run.watch import run_observers
 
 
 class BranchPoint:
-    """The common start of a run's branches: one tick of the run.
+    """The tick of a run at which its branches begin, with the state there.
 
     Args:
         experiment: experiment of the run, unchanged.
@@ -48,7 +48,7 @@ class BranchPoint:
 
     @property
     def branch_state(self) -> StoredState:
-        """State of the run at the tick.
+        """State of the parent run at the tick where its branches begin.
 
         Raises:
             InputRefused: a component cannot save its state.
@@ -83,7 +83,10 @@ class BranchPoint:
             yield self._pack_state(self._state_at_tick(assembly), alive)
 
     def _state_at_tick(self, assembly: Assembly, nearest: StoredState | None = None) -> SavedState:
-        """Simulate `assembly` up to the tick, from the state `nearest` or the start, and return its state."""
+        """Simulate the parent run up to the branch tick, and return its state.
+
+        The simulation starts from the state `nearest`, or from the beginning.
+        """
         experiment = self._experiment
         lasting: dict[str, Observer] = run_observers(experiment, assembly)._asdict() | {"recorder": EventLog()}
         observers = [*lasting.values(), _TickStop(self._tick)]
@@ -101,7 +104,7 @@ class BranchPoint:
 
 
 class _TickStop(Observer):
-    """An observer that stops a simulation at the beginning of a tick."""
+    """Observer that stops a simulation at the beginning of a tick."""
 
     def __init__(self, tick: int):
         self.halts = [tick]

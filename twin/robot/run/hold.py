@@ -32,7 +32,7 @@ SIGNAL_SUBSTITUTES = {"controller.p_ref_B": ("reference.p_ref_B",), "monitor.rea
 
 
 class HoldRequest(NamedTuple):
-    """Force references and robot data of an experiment that its measures need.
+    """Force references and robot data of an experiment, as needed by the measures of a held force.
 
     Attributes:
         force_loop: whether the force is controlled.
@@ -53,7 +53,7 @@ class HoldRequest(NamedTuple):
 
     @staticmethod
     def from_experiment(experiment: Experiment) -> "HoldRequest":
-        """Build the request from an experiment."""
+        """Collect the force references and robot data that the measures need from an experiment."""
         thinned = experiment.recording.rate == "controller"
         return HoldRequest(
             # a third-party controller has no mode
@@ -68,7 +68,7 @@ class HoldRequest(NamedTuple):
 
     @staticmethod
     def from_values(values: Mapping[str, Any]) -> "HoldRequest":
-        """Build the request from the values of a recorded experiment, keys with units."""
+        """Collect the force references and robot data that the measures need from a recorded experiment's values."""
         controller, plant = values.get("controller", {}), values.get("plant", {})
         lengths = [1e-3 * plant.get(f"{name}_mm", math.nan) for name in Geometry._fields]
         return HoldRequest(
@@ -83,7 +83,7 @@ class HoldRequest(NamedTuple):
 
 @dataclass(frozen=True)
 class HeldForces:
-    """The true pressing force of one task; None where it was never held.
+    """How a massage task's true pressing force was held: range, error, overshoot; None where it was never held.
 
     Attributes:
         task: task number, from 1.
@@ -110,21 +110,21 @@ class HeldForces:
 
 
 class RowLayout(Protocol):
-    """Column layout of signal rows: a system, or a recorded run."""
+    """Interface of a column layout of signal rows: of a system, or of a recorded run."""
 
     @property
     def tick(self) -> float:
-        """Time from row to row (s)."""
+        """Time from one signal row to the next (s)."""
 
     def has_output(self, end: str) -> bool:
-        """Whether a row has the signal."""
+        """Whether rows have a signal."""
 
     def columns(self, end: str) -> slice:
-        """Columns of a signal; the row must have it."""
+        """Return the columns of a signal in a row, which must have it."""
 
 
 def signal_columns(layout: RowLayout, name: str, size: int) -> NDArray[np.int64]:
-    """Return the columns (size,) of a signal, or of a third-party part's substitute; -1 if both are missing."""
+    """Return the columns (size,) of a signal in rows, or of a third-party part's substitute; -1 if both are missing."""
     if name.startswith("drive."):
         each = [name.replace("drive", f"drive_{joint}", 1) for joint in (1, 2, 3)]
         if all(map(layout.has_output, each)):
@@ -159,17 +159,17 @@ class HoldSums:
         self._tasks[:, 6], self._tasks[:, 7] = math.inf, -math.inf
 
     def has(self, name: str) -> bool:
-        """Whether rows have the signal `name`, one of `HOLD_SIGNALS`."""
+        """Whether rows have a signal that the measures of a held force need."""
         before = takewhile(lambda key: key != name, HOLD_SIGNALS)
         return bool(self._columns[sum(HOLD_SIGNALS[key] for key in before)] >= 0)
 
     def __getitem__(self, name: str) -> float:
-        """Return the sum called `name` in `SUMS_RECORD`."""
+        """Return one of the sums behind the measures of a held force, by its name in `SUMS_RECORD`."""
         return float(self._memory[name][0])
 
     @property
     def state(self) -> NDArray[np.float64]:
-        """All sums (n,), as part of a saved state."""
+        """All sums behind the measures of a held force, (n,), as part of a saved state."""
         return np.concatenate([self._memory.view(np.float64), self._tasks.ravel()])
 
     @state.setter
@@ -181,7 +181,7 @@ class HoldSums:
         self._tasks.flat[:] = values[size:]
 
     def add_rows(self, first: int, rows: NDArray[np.float64]) -> None:
-        """Add rows to the sums.
+        """Add signal rows to the sums behind the measures of a held force.
 
         Args:
             first: tick of the first row.
@@ -192,12 +192,15 @@ class HoldSums:
 
     @property
     def holds(self) -> float:
-        """Number of holds, including the one in progress."""
+        """Number of times that the force was held, including the hold in progress."""
         return self["ended"] + (self["span"] > 0.0)
 
     @property
     def settling(self) -> float | None:
-        """Settling time (s); None if the force is outside its band when the first hold ends, or nothing was held."""
+        """Settling time of the force (s); None if it is outside its band when the first hold ends.
+
+        Also None if the force was never held.
+        """
         m = self._memory[0]
         if not m["count"]:
             return None
@@ -206,7 +209,7 @@ class HoldSums:
 
     @property
     def felt_stiffness(self) -> float | None:
-        """Stiffness (N/m) along z that the springs give the platform at its mean position while held.
+        """Stiffness (N/m) along z that the springs give the platform at its mean position during holds.
 
         It is z of J^T k_s N^2 eta J, as tau_l = k_s N eta (theta_m - N theta_l) (Eq. 18 to 20), dtheta_l = J dp_B,
         F = J^T tau_l. None if nothing was held or the robot is unknown.
@@ -219,7 +222,7 @@ class HoldSums:
 
     @property
     def chatter(self) -> tuple[float, float]:
-        """(amplitude (N), frequency (Hz)) of the hold with the strongest chatter; both 0 if nothing was held."""
+        """(amplitude (N), frequency (Hz)) of the hold with the strongest force chatter; both 0 if nothing was held."""
         m = self._memory[0]
         found = [(m["worst"], m["frequency"])] if m["worst"] >= 0.0 else []
         if m["span"]:
@@ -229,7 +232,7 @@ class HoldSums:
 
     @property
     def tasks(self) -> tuple[HeldForces, ...]:
-        """Held force of each task, in order; empty if the controller does not report the current task."""
+        """Held force of each massage task, in order; empty if the controller does not report the current task."""
         known = self.has("controller.task") and self.has("controller.phase")
         return tuple(self._task(index) for index in range(len(self._tasks) if known else 0))
 

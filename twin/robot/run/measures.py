@@ -101,14 +101,11 @@ class RunOutcome:
         end: mean pressing force of the last second (N).
         end_x, end_y: mean force along x and y, by the robot on its surroundings, of the last second (N).
         force_error: rms of the pressing force minus its reference while the force loop is on (N), from the first touch
-            on,
-            as a robot in the air has no force to hold. None if the loop never was on or nothing was touched.
+            on, as a robot in the air has no force to hold. None if the loop never was on or nothing was touched.
         lateral_error, z_error: rms deviation from the pre-defined reference, in x and y together, and in z (m). None if
-            a
-            third-party controller reports no reference.
+            a third-party controller reports no reference.
         early_trigger: time with the force loop on before the first touch (s), or before the end without a touch; 0 if
-            it
-            was switched on in contact, None if never.
+            it was switched on in contact, None if never.
         measures: every measure by its key in `ROWS_BY_KEY`, SI.
     """
 

@@ -13,7 +13,7 @@ from twin.robot.assembly.drives import ENABLE_ROLE
 
 
 class MonitorWork(Observer):
-    """Finds the first tick with an effect of the monitor on the robot.
+    """Observer of the safety monitor's effect: finds the first tick with an effect on the robot.
 
     The monitor is idle while its output command equals its input bit for bit and the power stays on. If nothing else
     reads more of it than command and power, all other signals then equal a run without it, by induction over
@@ -32,7 +32,7 @@ class MonitorWork(Observer):
 
     @property
     def idle(self) -> bool:
-        """Whether the monitor never affects the robot."""
+        """Whether the safety monitor never affected the robot during the run."""
         return self.first == math.inf
 
     def begin(self, simulation: Simulation) -> None:

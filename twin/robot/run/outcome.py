@@ -27,7 +27,7 @@ DEVIATION_SIGNALS = {
 
 
 class Tally(Observer):
-    """Accumulates the outcome of a run, bit-identical however its rows are sliced.
+    """Observer that accumulates the summary numbers of a run, bit-identical however its rows are sliced.
 
     Args:
         system: layout of the rows, with the plant and controller of `twin.robot.assembly`.
@@ -77,7 +77,7 @@ class Tally(Observer):
 
     @property
     def _rows_at_end(self) -> NDArray[np.float64]:
-        """Rows of the last second that the end of the run may still need, (n, 3)."""
+        """Force vectors (n, 3) of the last second that the mean force at the end may still need."""
         ahead = self._simulation.last_tick - self._simulation.next_tick + 1
         needed = max(0, round(END_TIME / self._tick) - ahead)
         return self._last[max(0, len(self._last) - needed) :]
@@ -122,12 +122,12 @@ class Tally(Observer):
 
     @property
     def held_forces(self) -> tuple[HeldForces, ...]:
-        """Held force of each task, in order; empty if the controller does not report the current task."""
+        """Held force of each massage task, in order; empty if the controller does not report the current task."""
         return self._hold.tasks
 
     @property
     def outcome(self) -> RunOutcome:
-        """Outcome of the rows so far; at least one row is needed."""
+        """Summary numbers of the run so far; at least one row is needed."""
         total = copy(self)
         if self._filled:
             total._add(self._waiting[: self._filled], self._waiting_columns)

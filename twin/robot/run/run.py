@@ -62,7 +62,7 @@ Report = Callable[[int, int], None]
 
 
 def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str, str]]:
-    """Return the metadata that records a run's origin; independent of time, place and user."""
+    """Return the metadata on a run's origin for its recording; independent of time, place and user."""
     fmus = {
         f"{name}{'.' * bool(part)}{part}": json.dumps(
             {
@@ -116,7 +116,7 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
 
 
 def _identity_parts(provenance: dict[str, dict[str, str]]) -> tuple[dict[str, str], dict[str, str], dict[str, Any]]:
-    """Return package versions, SHA-256 of each part's file, and experiment values that identify a run."""
+    """Return the parts that identify a run: package versions, SHA-256 of each part's file, experiment values."""
     values = json.loads(provenance["experiment"]["values"])
     values = {key: value for key, value in values.items() if key not in NO_STATE_DEPENDS_ON}
     # the name of the body file, whose values are in the table already
@@ -126,7 +126,7 @@ def _identity_parts(provenance: dict[str, dict[str, str]]) -> tuple[dict[str, st
 
 
 def drive_plans(assembly: Assembly) -> list[tuple[str, DrivePlan]]:
-    """Return (name, plan), for example (`drive_1`, plan), of each joint that the experiment's own drive moves."""
+    """Return (component name, plan) of each joint's drive, except drives that a program has substituted."""
     if "drive" in assembly.substituted:
         return []
     named = [(f"drive_{number}", plan) for number, plan in enumerate(assembly.drives, start=1)]
@@ -134,7 +134,7 @@ def drive_plans(assembly: Assembly) -> list[tuple[str, DrivePlan]]:
 
 
 def without_folders(values: dict[str, Any]) -> dict[str, Any]:
-    """Return `values` with file names in place of paths, as folders of this machine are private."""
+    """Return recorded values with paths reduced to file names, as folders of this machine are private."""
     return {key: _without_folder(key, value) for key, value in values.items()}
 
 
@@ -149,7 +149,7 @@ def _without_folder(key: str, value: Any) -> Any:
 
 
 def fast_pole_remedy(experiment: Experiment) -> str:
-    """Return a remedy for the plant's fastest pole as a sentence; "" if the integrator is stable."""
+    """Return a sentence on how to mend an unstable integration of the plant; "" if it is stable."""
     step = experiment.cosim.tick / experiment.plant.substeps
     pole = fastest_pole(experiment)
     if not pole * step > MAX_POLE_STEP:
@@ -166,7 +166,9 @@ def fast_pole_remedy(experiment: Experiment) -> str:
 
 
 def fastest_pole(experiment: Experiment) -> float:
-    """Largest |eigenvalue| (1/s) of the plant linearised at its start; inf if it is not finite.
+    """Compute the largest |eigenvalue| (1/s) of the plant linearised at rest; inf if it is not finite.
+
+    The plant is at its start, once in the air and once pressed into the surface.
 
     The plant is at rest, once in the air and once pressed into the surface.
     """
@@ -198,7 +200,7 @@ def _fastest_eigenvalue(parameters: PlantParameters, x: np.ndarray, theta_m: np.
 
 @dataclass(frozen=True)
 class Run:
-    """A finished run.
+    """A finished and recorded run of an experiment.
 
     Attributes:
         recording: the MCAP file.
@@ -235,7 +237,7 @@ class Run:
         return self.simulated / self.stepping
 
     def state(self, at: float) -> SavedState:
-        """Return the state at the time `at` (s), loaded from the recording or computed by running again.
+        """Return the simulation state of the run at time `at` (s), from the recording or by running again.
 
         Raises:
             InputRefused: the time is outside the run, or a component cannot save its state.
@@ -260,7 +262,7 @@ def execute(
     viewer: Viewer | None = None,
     state: StoredState | None = None,
 ) -> Run:
-    """Run `experiment` and record it as `folder`/run.mcap, with summary.json in the same folder.
+    """Run an experiment and record it as run.mcap, with summary.json in the same folder.
 
     Args:
         experiment: checked.
@@ -350,7 +352,7 @@ def _execute_and_record(
 
 
 def _describe_drive(plan: DrivePlan) -> str:
-    """Describe a drive in a few lines: files, FMI versions and hashes, mapped names, warnings."""
+    """Describe a drive for the recording in a few lines: files, FMI versions and hashes, mapped names, warnings."""
     lines = [f"{plan.label}  SSP {plan.system.version}  sha256 {plan.system.sha256[:12]}"] if plan.system else []
     lines += [f"{d.path.name}  {d.standard}  sha256 {d.sha256[:12]}" for d in plan.parts.values()]
     lines += [f"  {binding}" for binding in plan.bindings if binding.name != binding.port.name]
@@ -358,7 +360,7 @@ def _describe_drive(plan: DrivePlan) -> str:
 
 
 def _with_remedy(experiment: Experiment, simulation: Simulation, assembly: Assembly, what: str) -> ComponentFailed:
-    """Return an error with the message `what` and a remedy."""
+    """Return the error of a failed component with a suggested remedy."""
     sentences = [what]
     culprits = dict(zip(("drive_1", "drive_2", "drive_3"), assembly.drives, strict=True)) | {
         "drive": assembly.drives[0]

@@ -28,14 +28,14 @@ from twin.robot.run.trace import Trace
 
 
 class RunRequest(NamedTuple):
-    """Data to keep of each run.
+    """The data that a study keeps of each run in memory.
 
     Attributes:
-        signals: signals of the trace, `topic.field` each; empty: no trace. None: all, also those of faults, which a
-            past lacks: every run is made from the start.
+        signals: signals of the trace, `topic.field` each; empty for no trace. None for all signals, including faults'
+            own, which shared prefixes lack: every run is then made from the start.
         tally: whether to sum up the numbers.
         idle: whether to find out if the monitor ever acted.
-        check: called with each experiment and its system before the first tick, to refuse what cannot be measured.
+        check: called with each experiment and its system before the first tick, to refuse unmeasurable ones.
     """
 
     signals: frozenset[str] | None = frozenset()
@@ -46,7 +46,7 @@ class RunRequest(NamedTuple):
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of one run.
+    """The outcome of one run in memory, also of a failed one.
 
     Attributes:
         status: "done", "tripped" (by the safety monitor) or "failed" (a component failed).
@@ -73,7 +73,7 @@ class Outcome:
     stepping: float
 
     def require_success(self) -> Self:
-        """Return the outcome of a run in which no component failed.
+        """Return this outcome if no component failed, else raise the failure.
 
         Raises:
             ComponentFailed: one did.
@@ -84,12 +84,12 @@ class Outcome:
 
 
 class _Watch:
-    """The observers of one run.
+    """The observers of one run in memory.
 
     Args:
         request: data to keep.
         experiment: experiment of the run.
-        past: observers of the run that this one continues; None for a run from the start.
+        past: observers of the prefix that this run continues; None for a run from the start.
     """
 
     def __init__(self, request: RunRequest, experiment: Experiment, past: "_Watch | None" = None):
@@ -123,7 +123,7 @@ class _Watch:
 
 
 class _Check(Observer):
-    """Calls `RunRequest.check` before the first tick of a run."""
+    """Observer that calls `RunRequest.check` before the first tick of a run."""
 
     def __init__(self, check: Callable[[Experiment, System], None], experiment: Experiment):
         self._check, self._experiment = check, experiment
@@ -133,7 +133,7 @@ class _Check(Observer):
 
 
 class _SharedTally(Observer):
-    """A tally that continues another run's from its state at the same tick.
+    """Observer that sums up a run's measures, continued from the state of another run at the same tick.
 
     Attributes:
         tally: tally of the whole run.
@@ -161,7 +161,7 @@ class _SharedTally(Observer):
 
 @dataclass
 class _PrefixEntry:
-    """A past: what identifies it, the number of runs that had it, and, once it was run, the run and its observers."""
+    """A cached prefix that several runs share: its experiment, the number of its runs, its simulation and observers."""
 
     key: Experiment
     runs: int = 0
@@ -170,15 +170,15 @@ class _PrefixEntry:
 
 
 class Runs:
-    """Runs experiments; a context manager that frees FMUs and pasts.
+    """Runs experiments in memory, reusing prefixes that several runs share; a context manager that frees them.
 
-    Experiments that differ only in faults and changes have the same past. It is run once, and they are continued from
-    its last state before they differ, with the same bits as from the start.
+    Experiments that differ only in faults and changes share a prefix. It is simulated once, and each run continues
+    from its last state before the first difference, bit-identical to a run from the start.
 
     Args:
         request: data to keep of each run.
-        after: runs with one past that are made from the start before that past is run, which takes as long as two.
-        most: pasts to keep, those that were used last; 0 to make every run from the start.
+        after: number of runs made from the start before their prefix is simulated, which takes as long as two runs.
+        most: maximum number of prefixes kept, the last used ones; 0 to make every run from the start.
     """
 
     def __init__(self, request: RunRequest, after: int = 0, most: int = 2):
@@ -192,13 +192,13 @@ class Runs:
         self.close()
 
     def close(self) -> None:
-        """Free the shared states; a later run makes them again."""
+        """Free all shared prefixes and their states; a later run simulates them again."""
         # the newest first: drives in processes leave the processor to those before them
         while self._pasts:
             _free(self._pasts.pop())
 
     def run(self, experiment: Experiment) -> Outcome:
-        """Return the outcome of `experiment`, also if a component failed.
+        """Run an experiment in memory and return its outcome, also if a component failed.
 
         Raises:
             InputRefused: a part of the robot, a fault or a change does not fit.
@@ -214,7 +214,7 @@ class Runs:
         return watch.outcome(past.shared.run_variant(experiment, first, watch.observers))
 
     def _find_prefix(self, experiment: Experiment) -> _PrefixEntry | None:
-        """The past of `experiment`, run if that is worth it; None if it has none that can be shared."""
+        """Return the cached prefix that a run of `experiment` can continue, simulated if it pays; None without one."""
         base = replace(prefix_experiment(experiment), changes=())
         if not self._most or self.request.signals is None:
             return None
@@ -234,7 +234,7 @@ class Runs:
 
 
 def _prefix_key(base: Experiment) -> Experiment:
-    """Return `base` without settings that do not change its run."""
+    """Return the experiment without settings that do not change its run, as a cache key."""
     noisy = base.plant.motor_noise > 0.0 or base.plant.joint_noise > 0.0
     return replace(base, name="", title="", seed=base.seed if noisy else 0, measures=(), values={}, origins={})
 

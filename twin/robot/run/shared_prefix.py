@@ -39,7 +39,7 @@ IDLE_FAULT_KINDS = {"body": "surface_jump", "drive": "drive_runaway"}
 
 
 def prefix_experiment(experiment: Experiment) -> Experiment:
-    """Return the experiment of the prefix: `experiment` without its faults, or with idle ones that never act.
+    """Return the experiment without its faults, or with idle ones, whose run all of its variants share.
 
     A surface that will move has a body from the start. A fault of a drive adds a continuous component: where such
     components do not see each other's newest outputs directly, it delays the signals that pass through it.
@@ -55,7 +55,7 @@ def prefix_experiment(experiment: Experiment) -> Experiment:
 
 
 class SharedPrefix:
-    """A simulated prefix and the runs that continue from it; a context manager that frees the states.
+    """The simulated beginning that several variants of a run share, and their runs; a context manager.
 
     Args:
         experiment: experiment of the prefix; its faults never act, see `prefix_experiment`.
@@ -84,7 +84,7 @@ class SharedPrefix:
         self.close()
 
     def close(self) -> None:
-        """Free states and components; safe to call twice."""
+        """Free the shared states and components; safe to call twice."""
         for state in self._states:
             state.close()
         self._states = []
@@ -93,7 +93,7 @@ class SharedPrefix:
             assembly.close()
 
     def run_variant(self, experiment: Experiment, tick: int, observers: Sequence[Observer]) -> SimulationResult:
-        """Run `experiment`, which equals the prefix before `tick`, from the last state before it.
+        """Run a variant that equals the shared prefix before `tick`, from the last saved state before it.
 
         Args:
             experiment: differs from the prefix in faults, scheduled changes and duration only.
@@ -142,7 +142,7 @@ class SharedPrefix:
             self.close()
 
     def _run_prefix(self, observers: Sequence[Observer]) -> None:
-        """Simulate the prefix, keep its states, and check that one of them reproduces the rest."""
+        """Simulate the shared prefix, keep its states, and check that a restored state reproduces the rest."""
         assert self._assembly is not None
         last = self.experiment.duration_ticks
         keeper = _StateRecorder(last, self._states)
@@ -152,7 +152,7 @@ class SharedPrefix:
             self.lacking = "a component does not reproduce its numbers from a saved state"
 
     def _parts(self, experiment: Experiment, assembly: Assembly) -> Mapping[str, list[Component]]:
-        """Return the components of `assembly` by row, with the stateless surface of `experiment`."""
+        """Return the prefix's components by row, with the variant's own motions of the surface."""
         own = bool(assembly.components_by_row["body"]) and "body" not in assembly.third_party
         return (
             {**assembly.components_by_row, "body": [Body(motions(experiment))]} if own else assembly.components_by_row
@@ -160,7 +160,7 @@ class SharedPrefix:
 
 
 def reproduces(simulation: Simulation, states: Sequence[SystemState]) -> bool:
-    """Whether restoring the first of `states` and continuing gives all later `states` again."""
+    """Whether a simulation that continues from the first saved state gives all later states again."""
     simulation.restore(states[0])
     for state in states:
         while simulation.next_tick < state.tick and not simulation.is_over:
@@ -182,7 +182,7 @@ def simulate_variants(
     watch: Callable[[System], Sequence[Observer]] = lambda system: (),
     slice_ticks: int = MAX_SLICE,
 ) -> list[tuple[SimulationResult, Trace]]:
-    """Run a system once for each of `ways`, which change it at tick `at`.
+    """Run a system several times, changed at tick `at` by a different function of `ways` each time.
 
     Args:
         make: assembles the system.
@@ -215,7 +215,7 @@ def simulate_variants(
 
 
 class _StateRecorder(Observer):
-    """An observer that appends up to `MAX_STATES` evenly spaced states, up to tick `last`, to a list."""
+    """Observer that keeps up to `MAX_STATES` evenly spaced states of a run, up to tick `last`."""
 
     def __init__(self, last: int, states: list[SystemState]):
         self.halts = range(0, last + 1, math.ceil((last + 1) / MAX_STATES))

@@ -20,7 +20,7 @@ from twin.robot.experiment.experiment import Experiment
 
 
 def streams_of(system: System, shortest: int = 1) -> list[RowStream]:
-    """Return one recorded stream per component, in component order.
+    """Return one recorded stream of signals per component of a system, in component order.
 
     `drive_1` becomes the topic drive/1, `fault_1` fault/1; other components keep their names.
 
@@ -36,12 +36,12 @@ def streams_of(system: System, shortest: int = 1) -> list[RowStream]:
 
 
 def fields_of(system: System) -> dict[str, Field]:
-    """Return the fields of all signals that a recording of `system` has, by `topic.field`."""
+    """Return all signals that a recording of the system has, by `topic.field`."""
     return {f"{s.topic.name}.{field.name}": field for s in streams_of(system) for field in s.topic.fields}
 
 
 class _StoredSignal(NamedTuple):
-    """A kept signal: its field, the ticks between its values, its columns in memory."""
+    """A signal kept in memory: its field, the ticks between its values, its columns."""
 
     field: Field
     period: int
@@ -49,7 +49,7 @@ class _StoredSignal(NamedTuple):
 
 
 class Trace(Observer):
-    """Keeps a run in memory and is read like a recording: `trace["plant.F_ee_B"]`, `trace.time("drive/1")`.
+    """Observer that keeps a run's signals in memory, read like a recording: `trace["plant.F_ee_B"]`.
 
     Args:
         every: row interval: every `every`-th tick is kept, from tick 0.
@@ -93,7 +93,7 @@ class Trace(Observer):
         self._count += len(chosen)
 
     def __getitem__(self, key: str) -> NDArray:
-        """Return the values of `topic.field` when it was due, in every kept row.
+        """Return the values of the signal `topic.field` at its own samples among the kept rows.
 
         The shape is (n,), or (n, size) for a field of several values; float64, int64 or bool.
 
@@ -103,7 +103,7 @@ class Trace(Observer):
         return self.held(key)[:: self._stride(self._signal(key).period)]
 
     def held(self, key: str) -> NDArray:
-        """Return the zero-order-held values of `topic.field` at the times `t`, shaped as by `[]`.
+        """Return the values of the signal `topic.field` at every kept row, held from sample to sample.
 
         Raises:
             UnknownSeries: the signal was not kept.
@@ -113,22 +113,22 @@ class Trace(Observer):
         return values != 0.0 if field.kind == "bool" else values.astype(VALUE_TYPES[field.kind], copy=False)
 
     def of_drives(self, name: str) -> NDArray[np.float64]:
-        """Return the field `name` of all three drives at the times `t`, (n, 3); (n, 0) if they do not have it."""
+        """Return a signal of all three drives at every kept row, (n, 3); (n, 0) if they do not have it."""
         keys = [key for key in self._signals if key.startswith("drive") and key.endswith(f".{name}")]
         return np.column_stack([self.held(key) for key in keys]) if keys else np.zeros((self._count, 0))
 
     @property
     def t(self) -> NDArray[np.float64]:
-        """Times of the kept rows (s), (n,)."""
+        """Times of the kept rows of the run (s), (n,)."""
         return np.arange(self._count, dtype=float) * (self._every * self.tick)
 
     @property
     def values(self) -> NDArray[np.float64]:
-        """The kept rows, (n, width of all kept signals)."""
+        """Values of all kept signals in the kept rows, (n, width)."""
         return self._memory[: self._count]
 
     def time(self, topic: str) -> NDArray[np.float64]:
-        """Return the due times of `topic` (s), (n,); rounded to nanoseconds as in a recording.
+        """Return the sample times of a topic (s), (n,); rounded to nanoseconds as in a recording.
 
         Raises:
             UnknownSeries: no signal of the topic was kept; the message suggests the nearest names.
@@ -142,7 +142,7 @@ class Trace(Observer):
         return np.rint(ticks * (self.tick * NS_PER_S)) / NS_PER_S
 
     def fields(self) -> dict[str, Field]:
-        """Return the kept fields with unit and meaning by `topic.field`, in component order."""
+        """Return all kept signals with unit and meaning by `topic.field`, in component order."""
         return {key: chosen.field for key, chosen in self._signals.items()}
 
     def _signal(self, key: str) -> _StoredSignal:
@@ -153,12 +153,12 @@ class Trace(Observer):
         return self._signals[key]
 
     def _stride(self, period: int) -> int:
-        """Return the number of kept rows from one due tick to the next, for a signal period in ticks."""
+        """Return the number of kept rows between two samples of a signal with the given period in ticks."""
         return math.lcm(period, self._every) // self._every
 
 
 def run_in_memory(experiment: Experiment, every: int = 1, only: Collection[str] = ()) -> Trace:
-    """Run `experiment` in this process and return its trace; see `Trace` for the arguments.
+    """Run an experiment in this process and return its signals.
 
     Raises:
         InputRefused: a drive FMU does not fit.

@@ -15,7 +15,7 @@ from twin.robot.experiment.schema import changed_value
 
 
 class Tuning(Observer):
-    """The parameters of one run that can be changed while it is stepped.
+    """Observer of the parameters of one run that can be changed by hand while it is stepped.
 
     `values`, `request` and `close` may be called from any thread.
 
@@ -36,7 +36,7 @@ class Tuning(Observer):
         self._lock = threading.Lock()
 
     def values(self) -> dict[str, float]:
-        """Return every tunable parameter by its experiment key, in the unit of that key.
+        """Return every parameter that can be changed during the run, by experiment key, in the key's unit.
 
         Pending requests are included.
         """
@@ -44,7 +44,7 @@ class Tuning(Observer):
             return self._values | {key: number for key, (number, _) in self._asked.items()}
 
     def request(self, key: str, number: object) -> None:
-        """Request the value `number` (in the unit of the key) from the next slice on.
+        """Request a new value of a parameter, in the unit of its key, from the next slice on.
 
         Raises:
             InputRefused: the parameter is unknown, its value is invalid, or the run is over.
@@ -58,7 +58,7 @@ class Tuning(Observer):
             self._asked[key] = (float(number), value)  # type: ignore[arg-type]
 
     def restore(self, state: Any) -> None:
-        """Restore the parameters that had been changed by hand when the state was saved."""
+        """Restore the parameter values that had been changed by hand when a state was saved."""
         before = dict(self._values)
         super().restore(state)
         for key, number in self._values.items():
@@ -68,7 +68,7 @@ class Tuning(Observer):
                 self._tunables[key].memory[...] = changed_value(DECLARED_TABLES, key, number, self._experiment.values)
 
     def ready(self, tick: int) -> None:
-        """Apply the requested changes, so that they act from `tick` on."""
+        """Apply the requested parameter changes, so that they act from `tick` on."""
         with self._lock:
             asked, self._asked = self._asked, {}
             for key, (number, value) in asked.items():
@@ -78,7 +78,7 @@ class Tuning(Observer):
                     self.first = self.first or self._changes[0].text
 
     def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        """Report the changes made by hand before this slice, and by the experiment within it."""
+        """Report parameter changes as events: those made by hand before this slice, and scheduled ones within it."""
         with self._lock:
             for change in self._experiment.changes:
                 if first <= change.tick < first + len(rows) and change.key in self._values:
@@ -92,7 +92,7 @@ class Tuning(Observer):
         self._changes.append(TickEvent(tick, "INFO", change, "tuning"))
 
     def close(self) -> None:
-        """Refuse all later requests."""
+        """Refuse all later requests for parameter changes, because the run is over."""
         with self._lock:
             self._open = False
 

@@ -14,24 +14,24 @@ from twin.robot.run.outcome import BLOCK_ROWS, DEVIATION_SIGNALS, RunOutcome, Ta
 
 
 class RunView(Protocol):
-    """A readable run: a `Trace`, a `Recording`, or a log through its adapter."""
+    """Interface of a readable run: in memory, recorded, or a log through its adapter."""
 
     @property
     def metadata(self) -> Mapping[str, Mapping[str, str]]:
         """Metadata of the recording, by name and key; empty for a run in memory and a log."""
 
     def __getitem__(self, key: str) -> NDArray:
-        """Return the values of `topic.field`: (n,) or (n, size)."""
+        """Return the values of the signal `topic.field`: (n,) or (n, size)."""
 
     def time(self, topic: str) -> NDArray:
         """Return the times of the messages of a topic (s), (n,)."""
 
     def fields(self) -> Mapping[str, Field]:
-        """Return the fields by `topic.field`."""
+        """Return the description of every signal of the run by `topic.field`."""
 
 
 class LogView:
-    """A log as a readable run.
+    """Adapter that reads a log as a run.
 
     Args:
         series: values by `topic.field`, (n,) or (n, size).
@@ -56,19 +56,22 @@ class LogView:
 
 
 def held_samples(times: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the index of the sample at `times` (s) that holds at each of `t` (s), (n,); 0 before the first sample."""
+    """Return the index of the newest sample at each of the times `t` (s), (n,); 0 before the first sample."""
     # half a nanosecond, because recorded times are rounded
     return (times.searchsorted(t + 5e-10, side="right") - 1).clip(min=0)
 
 
 def sample_and_hold(run: RunView, key: str, t: NDArray[np.float64]) -> NDArray:
-    """Return the newest values of `topic.field` at each of `t` (s), (n,) or (n, size); before the first, its value."""
+    """Return the newest values of the signal `topic.field` at each of the times `t` (s).
+
+    The shape is (n,) or (n, size). Times before the first sample get its value.
+    """
     values: NDArray = run[key][held_samples(run.time(key.rpartition(".")[0]), t)]
     return values
 
 
 class BelievedRun:
-    """A run with the controller's own pressing force in place of the true one."""
+    """View of a run with the controller's estimated pressing force in place of the true one."""
 
     def __init__(self, run: RunView):
         self._run, self.time, self.fields, self.metadata = run, run.time, run.fields, run.metadata
@@ -81,7 +84,7 @@ class BelievedRun:
 
 
 class _Rows:
-    """The signals behind the measures of a run, as rows at the times of the plant."""
+    """The signals that the measures of a recorded run need, as rows at the times of the plant."""
 
     def __init__(self, run: RunView):
         t, known = run.time("plant"), run.fields()
@@ -117,7 +120,7 @@ class _Rows:
 
 
 def outcome_of(run: RunView, request: HoldRequest) -> RunOutcome | None:
-    """Compute the outcome of a recorded run; None if it has no true force.
+    """Compute the summary numbers of a recorded run; None if it has no true force.
 
     Args:
         run: run with rows of the plant.

@@ -22,7 +22,7 @@ class Viewer(Protocol):
     """Interface of a live viewer, called between slices by the thread that steps; slow calls delay the run."""
 
     def begin(self, streams: Sequence[RowStream], scene: Scene, tick: float, tuning: Tuning) -> None:
-        """Prepare to show a run, which begins when this returns.
+        """Prepare a live viewer for a run, which begins when this method returns.
 
         Args:
             streams: recorded streams, in the order of the recording.
@@ -32,7 +32,7 @@ class Viewer(Protocol):
         """
 
     def show(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
-        """Show the rows of the latest slice.
+        """Show the rows of the latest slice of the run to the live viewer.
 
         Args:
             first: tick of the first row.
@@ -42,7 +42,7 @@ class Viewer(Protocol):
 
 
 class ViewerObserver(Observer):
-    """An observer that passes a run to `viewer`, with the arguments of `Viewer.begin`."""
+    """Observer that passes a run to a live viewer."""
 
     def __init__(self, viewer: Viewer, streams: Sequence[RowStream], scene: Scene, tuning: Tuning):
         self._viewer, self._streams, self._scene, self._tuning = viewer, streams, scene, tuning
@@ -56,7 +56,7 @@ class ViewerObserver(Observer):
 
 @dataclass(frozen=True)
 class Punctuality:
-    """Statistics of a paced run's deadlines.
+    """Statistics on how punctually a run in real time met its deadlines.
 
     Attributes:
         factor: requested simulated time per wall time.
@@ -77,7 +77,7 @@ class Punctuality:
 
     @property
     def sentence(self) -> str:
-        """Summary text in less than 80 columns."""
+        """Summary of the deadlines as text of less than 80 columns."""
         missed = f"{self.misses} of {self.deadlines} deadlines missed"
         if self.misses:
             missed += f", by {1e3 * self.worst:.1f} ms at most"
@@ -85,7 +85,7 @@ class Punctuality:
 
 
 class Pace(Observer):
-    """An observer that paces a simulation at `factor` times real time, see `Deadlines`.
+    """Observer that paces a simulation at `factor` times real time.
 
     Args:
         factor: simulated time per wall time, > 0.
@@ -102,7 +102,10 @@ class Pace(Observer):
         self.deadlines = Deadlines(self.tick_time, clock_functions())
 
     def slice_ticks(self, block: int) -> int:
-        """Return the slice length in ticks: at most `SLICE_TIME`, at least one tick, a divisor of `block`."""
+        """Return the length of a slice of a paced run in ticks: at least one, at most `SLICE_TIME`.
+
+        It divides `block`.
+        """
         most = max(1, math.floor(SLICE_TIME / self.tick_time + 1e-9))
         return max(n for n in range(1, block + 1) if n <= most and block % n == 0)
 
@@ -110,7 +113,7 @@ class Pace(Observer):
         simulation.pace(self.deadlines)
 
     def punctuality(self) -> Punctuality:
-        """Return the statistics of all deadlines so far."""
+        """Return the statistics of all real-time deadlines so far."""
         found = self.deadlines.counts
         count, mean = max(1, found["count"]), found["sum"] / max(1, found["count"])
         due = (found["last"] - found["start"]) * self.tick_time if found["count"] else 0.0

@@ -27,7 +27,7 @@ CUT_SHORT_TEXTS = {
 
 
 class Watch(Observer):
-    """An observer that derives the events of a run from its rows."""
+    """Observer that derives the events of a run from its signals: triggers, phases, trips, faults."""
 
     lasting = ("_before", "_touched", "_early", "_tripped", "_power")
 
@@ -79,7 +79,10 @@ class Watch(Observer):
                 yield TickEvent(tick, "INFO", f"force control triggered at F_z = {F_z:.3f} N", "controller")
 
     def _false_trigger(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
-        """Yield a warning when the force loop is switched on before the first true touch, and another at that touch."""
+        """Yield a warning event when the force loop is switched on before the first true touch.
+
+        A second event is yielded at that touch.
+        """
         if self._touched or not self._of_touch:
             return
         F_ee_z, on = rows[:, self._of_touch].T
@@ -121,7 +124,7 @@ class Watch(Observer):
             yield TickEvent(off, "ERROR", "safety monitor: the motors do not retract; power taken away", "monitor")
 
     def _other_trip(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
-        """Yield the trip event of a third-party monitor, which reports no reason."""
+        """Yield the trip event of a third-party safety monitor, which reports no reason."""
         if self._tripped or not self._system.has_output("monitor.tripped"):
             return
         at = np.flatnonzero(rows[:, self._system.columns("monitor.tripped").start])
@@ -138,7 +141,9 @@ class Watch(Observer):
 
 
 class RunObservers(NamedTuple):
-    """The stateful observers of every run; a saved state holds them by name, with the recorder.
+    """The stateful observers of every run: changes by hand, events, outcome.
+
+    A saved state holds them by name, with the recorder.
 
     Attributes:
         tuning: changes by hand.
@@ -152,7 +157,7 @@ class RunObservers(NamedTuple):
 
 
 def run_observers(experiment: Experiment, assembly: Assembly) -> RunObservers:
-    """Create the observers of a new run of `experiment`, assembled as `assembly`."""
+    """Create the stateful observers that every run has."""
     system = assembly.system
     tally = Tally(system, HoldRequest.from_experiment(experiment))
     return RunObservers(Tuning(experiment, assembly), Watch(assembly, experiment), tally)

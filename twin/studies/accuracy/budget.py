@@ -76,15 +76,15 @@ class Effect:
 
     @property
     def label(self) -> str:
-        """Name and assumed amount of the effect."""
+        """Name and assumed amount of a small effect of the robot."""
         return f"{self.name}, {self.amount}"
 
     def is_present(self, experiment: Experiment) -> bool:
-        """Whether the experiment has the effect."""
+        """Whether the experiment's robot already has the small effect."""
         return any(getattr(experiment.plant, name) != TrueRobot.model_fields[name].default for name in self.values)
 
     def apply_to(self, experiment: Experiment, like: Experiment) -> Experiment:
-        """Return `experiment` with the effect at its values in `like`, or at plausible values if `like` lacks it."""
+        """Return the experiment with the small effect, as strong as in `like`, or plausibly strong if that lacks it."""
         given = {name: getattr(like.plant, name) for name in self.values}
         if not self.is_present(like):
             given = {name: experiment.cosim.tick if value is ONE_TICK else value for name, value in self.values.items()}
@@ -92,7 +92,7 @@ class Effect:
 
 
 def without_effects(experiment: Experiment) -> Experiment:
-    """Return the experiment with all `SMALL_EFFECTS` switched off."""
+    """Return the experiment with all small effects of a real robot switched off."""
     names = {name for effect in SMALL_EFFECTS for name in effect.values}
     return with_plant(experiment, **{name: TrueRobot.model_fields[name].default for name in names})
 
@@ -121,7 +121,7 @@ SMALL_EFFECTS = (
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """An assumed error of one believed parameter.
+    """An assumed error of one parameter of the controller's robot model.
 
     Attributes:
         label: text for the report.
@@ -139,7 +139,7 @@ class Uncertainty:
     reason: str = ""
 
     def apply_to(self, experiment: Experiment) -> Experiment:
-        """Return `experiment` with the error in the controller's model; the true robot is unchanged."""
+        """Return the experiment with the parameter error in the controller's model; the true robot is unchanged."""
         model = experiment.controller.model
         off: dict[str, object] = {}
         for name in self.names:
@@ -169,7 +169,7 @@ UNCERTAINTIES = (
 
 @dataclass(frozen=True)
 class Contribution:
-    """One row of a budget (N).
+    """Contribution of one imperfection to the force error: one row of the accuracy budget (N).
 
     Attributes:
         label: text for the report.
@@ -188,7 +188,7 @@ class Contribution:
 
 @dataclass(frozen=True)
 class Budget:
-    """The accuracy budget of one experiment.
+    """The accuracy budget of an experiment: its force error split by cause.
 
     Attributes:
         start, end: evaluated window (s).
@@ -211,13 +211,13 @@ class Budget:
     as_is: Contribution
 
     def contributions_of(self, group: Group) -> tuple[Contribution, ...]:
-        """The contributions of one group."""
+        """Return the contributions of one group to the force error."""
         return tuple(one for one in self.contributions if one.group == group)
 
 
 @dataclass(frozen=True)
 class _Trace:
-    """True and estimated pressing force at the controller's ticks, (n,) N."""
+    """True and estimated pressing force of a run at the controller's ticks, (n,) N."""
 
     true: NDArray[np.float64]
     estimate: NDArray[np.float64]
@@ -228,7 +228,7 @@ class _Trace:
 
 
 def accuracy_budget(experiment: Experiment, say: Say = ignore_progress) -> Budget:
-    """Run `experiment` unchanged, without imperfections and with each alone, and return its accuracy budget.
+    """Run an experiment unchanged, without imperfections and with each alone; return its accuracy budget.
 
     `say` is called with the name of each run.
 
@@ -307,7 +307,7 @@ def accuracy_budget(experiment: Experiment, say: Say = ignore_progress) -> Budge
 
 
 def _ablations(experiment: Experiment, exact: Experiment) -> Iterator[tuple[str, Experiment]]:
-    """Yield (name, experiment) of the unchanged run, the ideal run and one imperfection at a time."""
+    """Yield (name, experiment) of the runs of an accuracy budget: unchanged, ideal, and one imperfection at a time."""
     p, computer = experiment.plant, experiment.controller
     yield "as it is", experiment
     yield "ideal", _fine(exact)
@@ -323,7 +323,7 @@ def _ablations(experiment: Experiment, exact: Experiment) -> Iterator[tuple[str,
 
 
 def _perfect(experiment: Experiment) -> Experiment:
-    """Return `experiment` without imperfections: exact encoders, no backlash, no `SMALL_EFFECTS`, a true model."""
+    """Return the experiment without imperfections: exact encoders, no backlash or small effects, a true model."""
     exact = with_exact_encoders(without_effects(with_plant(experiment, backlash=0.0)))
     return _with_dead_zone(with_model(exact, **{name: getattr(exact.plant, name) for name in BELIEVED_PARAMETERS}), 0.0)
 
@@ -343,7 +343,10 @@ def _trace(experiment: Experiment) -> _Trace:
 
 
 def _window(experiment: Experiment, traces: list[_Trace]) -> NDArray[np.bool_]:
-    """Mask (n,) of the instants when the robot presses in every run, from `TOUCHDOWN_TIME` after the first on."""
+    """Return the mask (n,) of the instants that an accuracy budget evaluates: the robot presses in every run.
+
+    It begins `TOUCHDOWN_TIME` after the first such instant.
+    """
     pressing = np.all([trace.true > MIN_PRESSING_FORCE for trace in traces], axis=0)
     if not pressing.any():
         raise InputRefused(
@@ -363,7 +366,7 @@ def _root_of_squares(contributions: list[Contribution]) -> float:
 
 
 def accuracy_result(budget: Budget, facts: str) -> Result:
-    """Return the report of `budget`; `facts` is the path of the JSON file that it refers to."""
+    """Return the report of an accuracy budget, which refers to the JSON file `facts`."""
     imperfections, twin = budget.contributions_of("imperfection"), budget.contributions_of("twin")
     together = ("sum of biases, root of squares", budget.bias, None, budget.together)
     left_out = [
@@ -396,12 +399,12 @@ def _table(title: str, rows: Sequence[Row | str]) -> Table:
 
 
 def headline(budget: Budget) -> str:
-    """The rms force error as a clause."""
+    """Return the rms force error of an accuracy budget as a clause."""
     return f"the force is estimated to {budget.as_is.rms:.3f} N rms"
 
 
 def details(budget: Budget) -> tuple[str, str]:
-    """Two clauses: the mean error and its largest cause; the possible addition by parameter errors."""
+    """Return two clauses on an accuracy budget: mean error with its largest cause, effect of parameter errors."""
     total, worst = budget.as_is, max(budget.contributions_of("imperfection"), key=lambda one: one.rms)
     off = f"{abs(total.bias):.3f} N too {'high' if total.bias > 0.0 else 'low'}"
     # 0.5 mN rounds to zero in the three digits shown
@@ -414,12 +417,12 @@ def details(budget: Budget) -> tuple[str, str]:
 
 
 def row(one: Contribution) -> Row:
-    """Label, bias, standard deviation and rms (N) of a contribution."""
+    """Return the table row of a contribution to the force error: label, bias, standard deviation, rms (N)."""
     return one.label, one.bias, one.std, one.rms
 
 
 def accuracy_facts(budget: Budget) -> dict[str, object]:
-    """All numbers of a budget (N, s) as the content of `accuracy.json`."""
+    """Return all numbers of an accuracy budget (N, s) as the content of `accuracy.json`."""
     return {
         "experiment": budget.name,
         "start_s": budget.start,

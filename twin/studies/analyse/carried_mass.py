@@ -29,7 +29,7 @@ MASS_HALVINGS = 20
 
 @dataclass(frozen=True)
 class PassivityTrial:
-    """Result of a trial with a mass in the hand, in the air.
+    """Result of checking a passivity prediction in the co-simulation, with a mass on the platform in the air.
 
     Attributes:
         mass: smallest mass that makes the linear model swing (kg).
@@ -44,12 +44,12 @@ class PassivityTrial:
 
     @property
     def agrees(self) -> bool:
-        """Whether a nudge dies out at the smaller mass and grows at the larger one."""
+        """Whether the co-simulation confirms the prediction: a nudge dies out at the smaller mass only."""
         return self.simulated[0] < 0.0 < self.simulated[1]
 
     @property
     def tried_masses(self) -> tuple[float, float]:
-        """The simulated masses (kg)."""
+        """The two simulated masses (kg), just below and just above the predicted limit."""
         return STABLE_SHARE * self.mass, UNSTABLE_SHARE * self.mass
 
     JSON_KEYS = (
@@ -81,7 +81,7 @@ def _point_with_mass(point: OperatingPoint, mass: float) -> OperatingPoint:
 
 
 def _growth(shared: Linearisation, point: OperatingPoint, mass: float) -> float:
-    """Growth rate (1/s) of the linear model with `mass` (kg) added to the platform; infinite if it cannot rest."""
+    """Return the growth rate (1/s) of the linear model with `mass` (kg) on the platform; infinite if it cannot rest."""
     try:
         linear = shared.with_experiment(_experiment_with_mass(shared.experiment, mass)).linear_point(
             _point_with_mass(point, mass)
@@ -93,13 +93,13 @@ def _growth(shared: Linearisation, point: OperatingPoint, mass: float) -> float:
 
 
 def _experiment_with_mass(experiment: Experiment, mass: float) -> Experiment:
-    """Return the experiment with `mass` (kg) on the platform, known to the controller."""
+    """Return the experiment with an added mass (kg) on the platform, known to the controller."""
     heavy = with_plant(experiment, m_p=experiment.plant.m_p + mass)
     return with_model(heavy, m_p=experiment.controller.model.m_p + mass)
 
 
 def _simulated_growth(experiment: Experiment, point: OperatingPoint, mass: float) -> float:
-    """Growth rate (1/s) of a nudge in the co-simulation; infinite if the platform flew off."""
+    """Return the growth rate (1/s) of a nudge in the co-simulation; infinite if the platform flew off."""
     law = "position"
     (path,) = nudged_paths(
         _experiment_with_mass(experiment, mass), _point_with_mass(point, mass), law, 1.0, [NUDGE_SIZE], TRIAL_TIME
@@ -113,7 +113,7 @@ def _simulated_growth(experiment: Experiment, point: OperatingPoint, mass: float
 
 
 def _swing(path: Matrix) -> float:
-    """rms of a path about its straight line, all axes together (m)."""
+    """Return the rms distance (m) of a path from its straight line, all axes together."""
     t = np.arange(len(path), dtype=float)
     rest = [p - np.polyval(np.polyfit(t, p, 1), t) for p in path.T]
     return float(np.sqrt(np.mean(np.square(rest))))

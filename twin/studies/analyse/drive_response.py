@@ -55,7 +55,7 @@ WHILE_TURNING = Excitation(3.0 * SPEED_IN_USE, SPEED_IN_USE, LOAD_IN_USE)
 
 
 def identify_drive(plan: DrivePlan, tick: float, tau_load: float) -> DriveModel:
-    """Identify the linear model of a drive around a steady load `tau_load` (N m).
+    """Identify the linear model of a drive around a steady load `tau_load` (N m), through its FMU.
 
     The result is reproducible, because the phases are always drawn from the same seed.
     """
@@ -72,7 +72,7 @@ def identify_drive(plan: DrivePlan, tick: float, tau_load: float) -> DriveModel:
 def frequency_response(
     plan: DrivePlan, tick: float, tau_load: float, excitation: Excitation
 ) -> tuple[Curve, NDArray[np.complex128], Curve]:
-    """Measure the frequency response of the shaft's advance per tick (SI).
+    """Measure the frequency response of a drive: advance of its shaft per tick over command and load (SI).
 
     Returns:
         (frequencies (n,) in Hz from 0, advance over command and load (n, 2), uncertainty (n, 2)). The uncertainty is
@@ -94,7 +94,7 @@ def frequency_response(
 
 
 def sum_of_sines(samples: int, lines: NDArray[np.int64], phases: Curve) -> Curve:
-    """One period (samples,) of a sum of sines with `lines` (n,) periods and `phases` (n,), scaled to a maximum of 1.
+    """Return one period (samples,) of a sum of sines, scaled to a maximum of 1.
 
     Amplitudes fall with the square root of the frequency, so that high frequencies do not saturate a drive.
     """
@@ -105,7 +105,7 @@ def sum_of_sines(samples: int, lines: NDArray[np.int64], phases: Curve) -> Curve
 
 
 def _steady_gain(plan: DrivePlan, tick: float, samples: int, steady: Inputs, channel: int, step: float) -> float:
-    """Mean advance per unit of the input `channel`, from second periods with the input raised and lowered by `step`."""
+    """Measure the mean advance of a drive's shaft per unit of one constant input, command or load."""
     means = [
         np.mean(_advance(plan, tick, _input_samples(steady, channel, np.full(2 * samples, sign * step)))[samples:])
         for sign in (1.0, -1.0)
@@ -120,7 +120,7 @@ def _input_samples(steady: Inputs, channel: int, added: Curve) -> Curve:
 
 
 def _advance(plan: DrivePlan, tick: float, inputs: Curve) -> Curve:
-    """Advance of the shaft in each tick (n,) rad for `inputs` (n, 2) of a fresh instance; the first of three axes."""
+    """Simulate a drive on its own and return the advance of its shaft in each tick (n,), rad."""
     with on_bench(plan, tick, inputs) as system:
         rows = Simulation(system, len(inputs), len(inputs) + 1).run()
         refuse_impossible(plan, system, rows)

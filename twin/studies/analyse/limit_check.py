@@ -31,7 +31,7 @@ LastingNudges = tuple[float, ...]
 
 @dataclass(frozen=True)
 class LimitCheck:
-    """The predicted and simulated gain limit of a law at an operating point.
+    """The predicted gain limit of a control law at an operating point, and the limit in the co-simulation.
 
     Attributes:
         predicted: factor on all gains of the law, see `twin.studies.analyse.linear.margins.gain_limit`.
@@ -50,19 +50,22 @@ class LimitCheck:
 
     @property
     def simulated_limit(self) -> float | None:
-        """Lowest factor whose nudges last, by bisection; None if the prediction holds or the limit was not found."""
+        """Lowest gain factor whose nudges do not die out in the co-simulation, by bisection.
+
+        None if the prediction holds or the limit was not found.
+        """
         if self.holds or self.high is None or self.low is None:
             return None
         return float((self.low * self.high) ** 0.5)
 
     @property
     def shakes(self) -> bool:
-        """Whether a nudge lasts at the gains as set."""
+        """Whether a nudge of the platform does not die out even with the gains as set."""
         return self.high is not None and self.high <= 1.0
 
     @property
     def limit_bounds(self) -> tuple[float | None, float | None]:
-        """`low` and `high`, the factors that bracket the simulated limit."""
+        """The gain factors that bracket the limit in the co-simulation, (low, high)."""
         return self.low, self.high
 
     JSON_KEYS = (
@@ -74,7 +77,7 @@ class LimitCheck:
 def check_limit(
     experiment: Experiment, point: OperatingPoint, law: str, predicted: float | None, drives: Sequence[DriveModel]
 ) -> LimitCheck:
-    """Check the `predicted` gain limit of `law` at `point` in the co-simulation, whose result decides."""
+    """Check a predicted gain limit in the co-simulation, just below and just above it."""
 
     @cache
     def lasting(factor: float) -> LastingNudges:
@@ -87,12 +90,14 @@ def check_limit(
 
 
 def borders(expected: float) -> tuple[float, float]:
-    """Lower and upper bound of the simulated limit if the prediction `expected` holds."""
+    """Return the bounds between which the simulated gain limit must be if the prediction `expected` holds."""
     return expected / (1.0 + LIMIT_TOLERANCE), expected / (1.0 - LIMIT_TOLERANCE)
 
 
 def bracket(lasts: Callable[[float], bool], expected: float, ends: bool = True) -> tuple[float | None, float | None]:
-    """Return (highest tried factor whose nudges all die out, next factor, whose nudges last).
+    """Bracket the gain limit in the co-simulation, starting at the predicted factor.
+
+    Returned are the highest tried factor whose nudges all die out, and the next one, whose nudges last.
 
     An end is None if it is too far from `expected`. The two are `borders(expected)` if the limit is between them, else
     their ratio is at most `BRACKET_RATIO`.
@@ -123,7 +128,7 @@ def bracket(lasts: Callable[[float], bool], expected: float, ends: bool = True) 
 
 
 def bisect_limit(lasts: Callable[[float], bool], low: float, high: float) -> tuple[float, float]:
-    """Bisect to `BRACKET_RATIO` between `low`, whose nudges all die out, and `high`, whose nudges last."""
+    """Narrow the bracket (low, high) of a gain limit by bisection to a ratio of `BRACKET_RATIO`."""
     while high > BRACKET_RATIO * low:
         middle = (low * high) ** 0.5
         low, high = (low, middle) if lasts(middle) else (middle, high)
@@ -131,14 +136,14 @@ def bisect_limit(lasts: Callable[[float], bool], low: float, high: float) -> tup
 
 
 def lasting_nudges(experiment: Experiment, point: OperatingPoint, law: str, factor: float) -> LastingNudges:
-    """Simulate a large and a small nudge at `point` with `factor` times the gains of `law`; return those that last."""
+    """Simulate a large and a small nudge with scaled gains of a control law; return the nudges that do not die out."""
     sizes = (PRESSING_NUDGE if point.in_contact else LARGE_NUDGE, SMALL_NUDGE)
     left = residual_swings(experiment, point, law, factor, sizes)
     return tuple(size for size, one in zip(sizes, left, strict=True) if one.lasts(size))
 
 
 def _reason(drives: Sequence[DriveModel], lasting: Callable[[float], LastingNudges], high: float | None) -> str:
-    """Explain a failed prediction by the measured nonlinearity of the drives."""
+    """Explain a failed prediction of a gain limit by the measured nonlinearity of the drives."""
     reasons = []
     if any(drive.turning for drive in drives):
         reasons.append("at rest the drive is nonlinear for small signals; the linear model is of a turning shaft")

@@ -38,7 +38,7 @@ ZERO_GAINS = Gains(0.0)
 
 @dataclass(frozen=True)
 class LinearPoint:
-    """The linear loops at one operating point.
+    """The linear model of the loops at one operating point.
 
     Attributes:
         loops: all loops, open; see `twin.studies.analyse.linear.loops.open_loops`.
@@ -51,7 +51,7 @@ class LinearPoint:
 
 
 class Linearisation:
-    """The linear models shared by all operating points of an experiment: drives, settings, stepping.
+    """The linear models that all operating points of an experiment share: drives, settings, stepping.
 
     Args:
         experiment: experiment to linearise; its faults are left out.
@@ -75,7 +75,7 @@ class Linearisation:
         self.drives, self.labels = tuple(models), tuple(plan.label for plan in plans)
 
     def linear_point(self, point: OperatingPoint) -> LinearPoint:
-        """Linearise the open loops at `point`."""
+        """Linearise the loops of the experiment at an operating point."""
         plant = linear_plant(point.parameters, point.x, point.theta_m)
         robot = period_map(tick_map(plant, self.drives, self.stepping), self.stepping)
         settings = self.settings(point.force_on)
@@ -83,13 +83,13 @@ class Linearisation:
         return LinearPoint(point, open_loops(robot, law), dict.fromkeys(closed_loop_names(settings), 1.0))
 
     def with_experiment(self, experiment: Experiment) -> Self:
-        """Return a copy for `experiment`, which must have the same drives."""
+        """Return a copy of the linearisation for another experiment with the same drives."""
         other = copy.copy(self)
         other.experiment = experiment
         return other
 
     def settings(self, force_on: bool) -> LoopSettings:
-        """Loop settings of the controller, with its force loop on or off."""
+        """Return the controller's settings for the linear analysis, with its force loop on or off."""
         c = self.experiment.controller
         damping = c.damping if self.experiment.tasks else None
         return LoopSettings(
@@ -103,7 +103,7 @@ class Linearisation:
         )
 
     def estimation(self, point: OperatingPoint) -> Estimation:
-        """Linearise the controller's estimator about the angles at `point`."""
+        """Linearise the controller's estimator at an operating point."""
         plant, parameters = self.experiment.plant, point.parameters
         geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
         angles = np.concatenate([point.theta_m, joint_angles(geometry, point.p_B)])
@@ -117,12 +117,12 @@ class Linearisation:
 
 
 def closed_loop_names(settings: LoopSettings) -> tuple[str, ...]:
-    """The `LOOPS` that a controller with these `settings` closes."""
+    """Return the names of the loops that a controller with these settings closes."""
     return LOOPS if any(settings.force[:3]) else LOOPS[:3]
 
 
 def _loads(point: OperatingPoint) -> np.ndarray:
-    """Load torque tau_load (3,) of the drives at rest (N m)."""
+    """Return the load torques (3,) of the drives (N m) with the robot at rest at an operating point."""
     p = point.parameters
     geometry = Geometry(p.a, p.b, p.l_a, p.l_b)
     d = point.theta_m - p.N * joint_angles(geometry, point.p_B) - np.array(p.slip)

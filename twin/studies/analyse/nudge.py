@@ -42,7 +42,7 @@ NO_LIMIT = {"speed_limit": 1000.0, "dead_zone": 0.0, "tissue": None, "breath": N
 
 
 class ResidualSwing(NamedTuple):
-    """Swings of the platform, peak to peak about a straight line in the worst direction (m).
+    """Swings of the platform before and long after a nudge, peak to peak in the worst direction (m).
 
     Attributes:
         before: swing before the nudge.
@@ -53,14 +53,14 @@ class ResidualSwing(NamedTuple):
     after: float
 
     def lasts(self, nudge: float) -> bool:
-        """Whether a `nudge` (m) did not die out."""
+        """Whether the swing after a `nudge` (m) has not died out."""
         return self.after > max(LASTING_SHARE * nudge, min(SWING_RATIO * self.before, MAX_IDLE_SWING))
 
 
 def residual_swings(
     experiment: Experiment, point: OperatingPoint, law: str, factor: float, nudges: Sequence[float]
 ) -> list[ResidualSwing]:
-    """Simulate each of `nudges` (m) at `point` with `factor` times the gains of `law` and return the residual swings.
+    """Simulate nudges of the platform (m) with scaled gains of a control law; return the remaining swings.
 
     `law` is "position" or "force".
     """
@@ -84,7 +84,7 @@ def nudged_paths(
     nudges: Sequence[float],
     over: float = END_TIME,
 ) -> list[Matrix]:
-    """Simulate nudges and return the platform's paths (n, 3) in m, tick by tick.
+    """Simulate nudges of the platform and return its paths (n, 3) in m, tick by tick.
 
     A path ends at `over` (s), earlier if the platform went far off or a component failed. For the other arguments see
     `residual_swings`.
@@ -113,13 +113,13 @@ def _is_far_off(p_B: Matrix, point: OperatingPoint) -> bool:
 
 
 def swing(p_B: Matrix) -> float:
-    """Peak to peak of a path (n, 3), each direction about its straight line, the largest of the three."""
+    """Return the peak-to-peak deviation of a path (n, 3) from its straight line, in the worst direction."""
     t = np.arange(len(p_B), dtype=float)
     return float(max(np.ptp(p - np.polyval(np.polyfit(t, p, 1), t)) for p in p_B.T))
 
 
 def holding_experiment(experiment: Experiment, point: OperatingPoint) -> Experiment:
-    """Return the experiment held at `point` by way points, which tasks ignore, without other motion or faults."""
+    """Return the experiment with the robot held at an operating point, without other motion or faults."""
     period = experiment.controller.period
     c = experiment.controller
     force = {"reference": point.F_z, "trigger": None, "trigger_time": 0.0, "limit": 1.0}
@@ -135,7 +135,7 @@ def holding_experiment(experiment: Experiment, point: OperatingPoint) -> Experim
 
 
 class _GainRamp(Observer):
-    """Observer that ramps gains evenly, in their logarithm, to `factor` times their values, and stops once far off.
+    """Observer that ramps a law's gains to `factor` times their values, and stops a run that goes far off.
 
     Gains to be lowered are low from the beginning, because the robot may shake with the higher ones.
     """
@@ -159,7 +159,7 @@ class _GainRamp(Observer):
 
 
 def holding_controller(experiment: Experiment, point: OperatingPoint) -> Controller | TaskController:
-    """Return the experiment's controller, including its task-only laws, with one endless phase that holds `point`."""
+    """Return the experiment's controller, including its laws for tasks, with one endless phase that holds a point."""
     hold = Phase(PhaseKind.HOLD, 1, force_on=point.force_on, F_end=point.F_z, duration=HOLD_DURATION)
     found = controller(experiment, [hold])
     # initialise the force as if the robot had been pressing

@@ -50,7 +50,7 @@ class OperatingPoint:
 
 
 def operating_points(experiment: Experiment) -> tuple[list[OperatingPoint], list[str]]:
-    """Return (operating points, messages about points without a linear model).
+    """Return the operating points of an experiment for linear analysis, and messages about points without one.
 
     The points are the start and each pressed place, touching and 1 mm above. A moving surface is taken at its initial
     position.
@@ -79,7 +79,7 @@ def operating_points(experiment: Experiment) -> tuple[list[OperatingPoint], list
 def resting_point(
     name: str, parameters: PlantParameters, p_B: tuple[float, float, float], force_on: bool = False
 ) -> OperatingPoint:
-    """Compute the state of the robot at rest at `p_B` (m).
+    """Compute the operating point of the robot at rest at `p_B` (m).
 
     Raises:
         InputRefused: `p_B` is unreachable, or a spring is so little loaded there that it hangs in its backlash.
@@ -102,7 +102,7 @@ def resting_point(
 
 
 def surface_height(parameters: PlantParameters, x: float, y: float) -> float:
-    """Height (m) of the surface at (x, y)."""
+    """Return the height (m) of the contact surface at (x, y)."""
 
     def depth(z: float) -> float:
         return float(surface_depth(parameters, x, y, z))
@@ -111,7 +111,7 @@ def surface_height(parameters: PlantParameters, x: float, y: float) -> float:
 
 
 def pressing_height(parameters: PlantParameters, x: float, y: float, F_z: float) -> float:
-    """Height (m) of the platform if the surface answers with the vertical force `F_z` (N) at rest.
+    """Return the platform's height (m) at which the surface answers with the vertical force `F_z` (N).
 
     Raises:
         InputRefused: the surface does not reach `F_z` within `MAX_DEPTH`.
@@ -127,7 +127,7 @@ def pressing_height(parameters: PlantParameters, x: float, y: float, F_z: float)
 
 
 def point_on_stiffness(point: OperatingPoint, K: float) -> OperatingPoint:
-    """Move the surface of stiffness `K` (N/m) up or down to keep the pose and force of `point`.
+    """Return the operating point on a surface of stiffness `K` (N/m), moved to keep pose and force.
 
     Raises:
         InputRefused: the surface would be pressed deeper than `MAX_DEPTH`.
@@ -145,12 +145,12 @@ def point_on_stiffness(point: OperatingPoint, K: float) -> OperatingPoint:
 
 
 def _force(parameters: PlantParameters, p: tuple[float, float, float]) -> float:
-    """Vertical contact force F_ee_B_z (N) at rest at `p` (m)."""
+    """Return the vertical contact force F_ee_B_z (N) of the platform at rest at `p` (m)."""
     return float(contact_force(parameters, *p, 0.0, 0.0, 0.0, 0.0, 0.0)[2])
 
 
 class PressPlace(NamedTuple):
-    """A pressed place: with the force F_z (N), or, if that is None, at the height z (m)."""
+    """A place where the experiment presses: with the force F_z (N) or, if that is None, at the height z (m)."""
 
     x: float
     y: float
@@ -165,7 +165,7 @@ def _pressing(parameters: PlantParameters, place: PressPlace) -> OperatingPoint:
 
 
 def _press_places(experiment: Experiment, parameters: PlantParameters) -> list[PressPlace]:
-    """List the distinct pressed places; the force loop is off in a tap."""
+    """List the distinct places where the experiment presses; in a tap the force loop is off."""
     found: list[PressPlace] = []
     for task in experiment.tasks:
         corners = [task.point, task.to] if isinstance(task, Push) else [task.point]
@@ -180,6 +180,6 @@ def _press_places(experiment: Experiment, parameters: PlantParameters) -> list[P
 
 
 def undisturbed_experiment(experiment: Experiment, **contact: float) -> Experiment:
-    """Return the experiment on a still surface with `contact` values, without faults, changes, monitor and scale."""
+    """Return the experiment on a still surface, without faults, scheduled changes, monitor and scale."""
     still = experiment.contact.model_copy(update={"breathing": None, "shift": None, **contact})
     return replace(experiment, contact=still, faults=(), changes=(), monitor=None, scale=None)

@@ -38,7 +38,7 @@ MASS_RANGE, STIFFNESS_RANGE = (0.01, 5.0), (1.0, 50_000.0)
 
 
 class Band(NamedTuple):
-    """A frequency band where the robot supplies energy to a swing.
+    """A frequency band where the robot is not passive: it supplies energy to a swing.
 
     Attributes:
         low, high: lowest and highest such frequency (Hz).
@@ -53,7 +53,7 @@ class Band(NamedTuple):
 
 
 class Environment(NamedTuple):
-    """A mass on a spring to the ground, both felt along one direction only.
+    """A passive environment of the robot: a mass on a spring, felt along one direction only.
 
     Attributes:
         mass: kg.
@@ -77,7 +77,7 @@ class Environment(NamedTuple):
 
 @dataclass(frozen=True)
 class PointPassivity:
-    """The impedance that a hand feels at one operating point.
+    """Passivity of the robot in a hand at one operating point.
 
     Attributes:
         frequency: Hz (n,).
@@ -122,7 +122,7 @@ class Passivity:
 
 
 def passivity(experiment: Experiment, tried: bool, say: Say) -> Passivity:
-    """Analyse the passivity of the robot in a hand instead of on the body; its drives run in this process."""
+    """Analyse the passivity of the robot in a hand instead of on the body."""
     refuse_third_party_parts(experiment, "twin analyse", ("controller", "estimator"))
     say("identifying the drives")
     points, problems = operating_points(experiment)
@@ -138,7 +138,7 @@ def passivity(experiment: Experiment, tried: bool, say: Say) -> Passivity:
 
 
 def judge_point(shared: Linearisation, point: OperatingPoint) -> PointPassivity:
-    """Compute the impedance that a hand feels at `point`, its passivity and its worst environment."""
+    """Compute admittance, passivity and worst environment of the robot in a hand at an operating point."""
     free, settings = FreePlant(linear_plant(point.parameters, point.x, point.theta_m)), shared.settings(point.force_on)
     law, gains = linear_law(settings, shared.estimation(point)), dict.fromkeys(closed_loop_names(settings), 1.0)
 
@@ -156,7 +156,7 @@ def judge_point(shared: Linearisation, point: OperatingPoint) -> PointPassivity:
 
 
 def band(frequency: Matrix, Y: Complex) -> Band | None:
-    """The band where the admittance `Y` (n, k, k) at `frequency` (Hz) is not passive; None if passive everywhere."""
+    """Return the frequency band where the admittance `Y` (n, k, k) is not passive; None if passive everywhere."""
     share = power_share(Y)
     feeding = frequency[share < -ROUNDING_TOLERANCE]
     if len(feeding) == 0:
@@ -166,7 +166,7 @@ def band(frequency: Matrix, Y: Complex) -> Band | None:
 
 
 def worst_environment(holding: Callable[[Matrix, float, float], Hand]) -> Environment:
-    """Find the mass on a spring along one direction that grows fastest with the robot, by differential evolution.
+    """Find the mass on a spring that swings most with the robot, by differential evolution.
 
     Lossless environments suffice: at its worst a passive environment dissipates nothing.
 

@@ -46,7 +46,7 @@ PASSIVITY_LEVELS = (-1.0, -0.3, -0.1, 0.0, 1.0)
 
 
 def draw_analysis(done: stability.Stability, path: Path) -> None:
-    """Draw the loops of an experiment to `path` (PNG).
+    """Draw the loops of a stability analysis to `path` (PNG): frequency responses, margins, root loci.
 
     The points shown are those with the lowest gain limits of the two laws; an unstable one only as a root locus.
     """
@@ -88,7 +88,7 @@ def draw_analysis(done: stability.Stability, path: Path) -> None:
 
 
 def _mark_margins(magnitude: Axes, phase: Axes, margins: Margins, curve: tuple[Numbers, Numbers], color: str) -> None:
-    """Draw the gain margin as a bar from |L| to 1, and the phase margin as one to -180 degrees."""
+    """Mark gain margin and phase margin of a loop in its Bode plots."""
     look: dict[str, Any] = {"color": color, "lw": 2.4, "alpha": 0.7, "marker": "_", "ms": 7}
     if margins.gain is not None and margins.gain_frequency is not None:
         at = margins.gain_frequency / (2.0 * np.pi)
@@ -101,7 +101,11 @@ def _mark_margins(magnitude: Axes, phase: Axes, margins: Margins, curve: tuple[N
 
 
 def shown_loops(done: stability.Stability) -> list[Curve]:
-    """The loops to draw: position x, y, z at the critical point of the position law, z and force at the force law's."""
+    """Select the loops to draw: position x, y and z, then z and force.
+
+    The first three are drawn at the point with the lowest gain limit of the position law, the others at the force
+    law's.
+    """
     curves: list[Curve] = []
     for law, names in (("position", stability.POSITION_LOOPS), ("force", ("position_z", *stability.FORCE_LOOPS))):
         critical = done.critical(law)
@@ -111,7 +115,7 @@ def shown_loops(done: stability.Stability) -> list[Curve]:
 
 
 def _draw_locus(axes: Axes, done: stability.Stability, law: str, names: tuple[str, ...]) -> None:
-    """Draw the closed-loop poles s = ln(z) / T for all gains of a law from 0 to 1.5 times their limit."""
+    """Draw the root locus of a control law, s = ln(z) / T, for gains from 0 to 1.5 times their limit."""
     critical = done.critical(law)
     limit = critical.limits[law] if critical else None
     if critical is None or not limit:
@@ -155,7 +159,7 @@ def draw_disks(done: stability.Stability, path: Path) -> None:
 
 
 def outline(disk: DiskMargin) -> tuple[Matrix, Matrix]:
-    """Gain (dB) and phase (degrees) along the edge of a disk margin."""
+    """Return gain (dB) and phase (degrees) along the edge of a disk margin."""
     delta = disk.alpha * np.exp(1j * np.linspace(1e-6, 2.0 * np.pi - 1e-6, 721))
     f = (1.0 + 0.5 * delta) / (1.0 - 0.5 * delta)
     return 20.0 * np.log10(np.abs(f)), np.angle(f, deg=True)
@@ -167,7 +171,7 @@ def _tightest(done: stability.Stability, in_contact: bool) -> stability.PointSta
 
 
 def draw_stability_maps(done: stability.Stability, path: Path) -> None:
-    """Draw the stability maps to `path` (PNG); `done` must have at least one map."""
+    """Draw the stability maps of an analysis, which has at least one, to `path` (PNG)."""
     title = f"{done.experiment.name}: {point_name(done.maps[0].at.point)}, on surfaces of other stiffness"
     with picture(path, 6.3 * len(done.maps) + 1.0, 5.2, title, look=MAP_STYLE) as figure:
         shades, norm = (
@@ -210,7 +214,7 @@ def _gain(done: stability.Stability, chart: stability.StabilityMap) -> np.ndarra
 
 
 def draw_passivity(done: passivity.Passivity, path: Path) -> None:
-    """Draw the passivity of the last point in air and the first one pressing, and the map if any, to `path` (PNG)."""
+    """Draw the passivity of the robot in a hand, in air and pressing, to `path` (PNG)."""
     air = [point for point in done.points if not point.point.in_contact]
     pressing = [point for point in done.points if point.point.in_contact]
     shown = [*air[-1:], *pressing[:1]]

@@ -61,7 +61,7 @@ class ZWidth:
 
 
 def z_width(shared: Linearisation, point: OperatingPoint) -> ZWidth:
-    """Compute the impedances that can be rendered along z at `point`, where the force loop presses."""
+    """Compute the range of impedances (Z-width) that the force loop can render along z at an operating point."""
     free = FreePlant(linear_plant(point.parameters, point.x, point.theta_m))
     robot = robot_with(free, EMPTY_HAND, shared.drives, shared.stepping)
     settings, estimation = shared.settings(True), shared.estimation(point)
@@ -87,7 +87,7 @@ def z_width(shared: Linearisation, point: OperatingPoint) -> ZWidth:
 
 
 def largest_passive(least: Callable[[float], float], row: Matrix) -> float:
-    """Largest virtual stiffness (N/m) with a non-negative `least`; 0 if `least` is negative even for the softest.
+    """Return the largest virtual stiffness (N/m) that is rendered passively; 0 if not even the softest is.
 
     Args:
         row: `least` at `VIRTUAL_STIFFNESS`.

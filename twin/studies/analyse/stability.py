@@ -37,7 +37,7 @@ MAX_POLES = 6
 
 @dataclass(frozen=True)
 class PointStability:
-    """Stability of one operating point; margins only where it is stable, since they are meaningless elsewhere.
+    """Stability of the loops at one operating point; margins only where it is stable, else they have no meaning.
 
     Attributes:
         stable: whether every pole is inside the unit circle.
@@ -58,12 +58,12 @@ class PointStability:
 
     @property
     def least_damped_pole(self) -> Pole:
-        """The pole with the smallest damping ratio."""
+        """The pole with the smallest damping ratio at the operating point."""
         return min(self.poles, key=lambda pole: pole.zeta)
 
     @property
     def slowest_poles(self) -> list[Pole]:
-        """The `MAX_POLES` poles with the slowest decay."""
+        """The `MAX_POLES` slowest decaying poles at the operating point."""
         return self.poles[:MAX_POLES]
 
     JSON_KEYS = (
@@ -75,7 +75,7 @@ class PointStability:
 
 @dataclass(frozen=True)
 class StabilityMap:
-    """Damping over contact stiffness and gains at one pressing point, at constant pose and force.
+    """Smallest damping ratio of the loops over contact stiffness and gains, at constant pose and force.
 
     Attributes:
         stiffness: contact stiffness (N/m) (n,).
@@ -94,7 +94,7 @@ class StabilityMap:
 
 @dataclass(frozen=True)
 class Stability:
-    """Result of the stability analysis of an experiment.
+    """Result of the linear stability analysis of an experiment.
 
     Attributes:
         problems: messages about points that have no linear model.
@@ -111,16 +111,16 @@ class Stability:
 
     @property
     def stable(self) -> bool:
-        """Whether the linear model is stable at every point and no nudge lasts at the gains as set."""
+        """Whether the linear model is stable at every point and no nudge lasts in the co-simulation."""
         return all(point.stable for point in self.points) and not any(check.shakes for check in self.checks)
 
     def critical(self, law: str) -> PointStability | None:
-        """The point with the lowest gain limit of `law`; None if the gains are unlimited."""
+        """Return the operating point with the lowest gain limit of a law; None if the gains are unlimited."""
         limits = [(limit, point) for point in self.points if (limit := point.limits.get(law)) is not None]
         return min(limits, key=lambda pair: pair[0])[1] if limits else None
 
     def to_dict(self) -> dict[str, Any]:
-        """The analysis as a JSON-compatible dict (SI)."""
+        """Convert the stability analysis to a JSON-compatible dict (SI)."""
         c = self.experiment.controller
         return {
             "experiment": self.experiment.name,
@@ -139,7 +139,7 @@ class Stability:
 
 
 def stability(experiment: Experiment, tried: bool = False, say: Say = ignore_progress) -> Stability:
-    """Analyse the stability of the loops of `experiment`, without its faults; the drives run in this process."""
+    """Analyse the stability of an experiment's loops, without its faults; the drives run in this process."""
     _refuse_other_laws(experiment)
     points, problems = operating_points(experiment)
     steps = Steps(say, len(points) + 2 + tried)
@@ -157,7 +157,7 @@ def stability(experiment: Experiment, tried: bool = False, say: Say = ignore_pro
 
 
 def force_loop_margins(experiment: Experiment) -> list[Margins]:
-    """Compute the margins of the force loop at each operating point in contact; the drives run in this process."""
+    """Compute the margins of the force loop at each operating point in contact."""
     _refuse_other_laws(experiment)
     points = [point for point in operating_points(experiment)[0] if point.in_contact and point.force_on]
     if not points:
@@ -182,7 +182,7 @@ def _refuse_other_laws(experiment: Experiment) -> None:
 
 
 def limit_checks(shared: Linearisation, judged: list[PointStability]) -> list[LimitCheck]:
-    """Check the gain limits of each law in air and in contact in the co-simulation, each at its lowest point.
+    """Check the lowest gain limits of each law, in air and in contact, in the co-simulation.
 
     Laws without a stabilising gain are skipped.
     """
@@ -198,7 +198,7 @@ def limit_checks(shared: Linearisation, judged: list[PointStability]) -> list[Li
 
 
 def _maps(shared: Linearisation, judged: list[PointStability]) -> list[StabilityMap]:
-    """Stability maps of the pressing point with the lowest gain limit, preferably one with a force loop."""
+    """Compute stability maps of the pressing point with the lowest gain limit."""
     pressing = [point for point in judged if point.linear.point.in_contact]
     with_force = [point for point in pressing if "force" in point.linear.gains]
     law = "force" if with_force else "position"
@@ -216,7 +216,7 @@ def _room(point: PointStability, law: str) -> float:
 
 
 def judge_point(linear: LinearPoint) -> PointStability:
-    """Compute the poles and gain limits of a linear point, and its margins if it is stable."""
+    """Compute poles and gain limits of the loops at an operating point, and their margins if it is stable."""
     loops, gains = linear.loops, linear.gains
     stable = spectral_radius(loops, gains) < 1.0 - ROUNDING_TOLERANCE
     found = poles(closed_poles(loops, gains), loops.dt)
@@ -230,7 +230,7 @@ def judge_point(linear: LinearPoint) -> PointStability:
 
 
 def stability_map(shared: Linearisation, at: LinearPoint, law: str, names: tuple[str, ...]) -> StabilityMap:
-    """Compute the damping over the contact stiffness and a common factor on the gains of `names`."""
+    """Compute the smallest damping ratio over contact stiffness and a common factor on some loops' gains."""
     zeta = np.full((len(MAP_FACTORS), len(MAP_STIFFNESSES)), np.nan)
     for column, K in enumerate(MAP_STIFFNESSES):
         try:

@@ -40,19 +40,19 @@ AXIS_COLUMNS = (Column("axis", 6, left=True), Column("springs", 14), Column("pas
 
 
 def decibels(factor: ArrayLike) -> Numbers:
-    """20 log10 of a factor; 0 counts as the smallest positive double."""
+    """Convert factors to decibels, 20 log10; 0 counts as the smallest positive double."""
     return 20.0 * np.log10(np.maximum(factor, np.finfo(float).tiny))
 
 
 def margins_text(margins: Margins) -> str:
-    """Gain and phase margin as `: 22 dB, 88 deg`; "" without either."""
+    """Format gain and phase margin as `: 22 dB, 88 deg`; "" without either."""
     found = [] if margins.gain is None else [f"{decibels(margins.gain):.0f} dB"]
     found += [] if margins.phase is None else [f"{np.degrees(margins.phase):.0f} deg"]
     return f": {', '.join(found)}" if found else ""
 
 
 def analysis_result(done: stability.Stability, files: Sequence[str] = ()) -> Result:
-    """Return the report of a stability analysis: verdict, sources of the numbers, paths of `files`."""
+    """Return the report of a stability analysis: verdict, sources of the numbers, written files."""
     first, *verdict = _verdict(done)
     plant = done.experiment.plant
     remarks = [
@@ -78,14 +78,14 @@ def analysis_result(done: stability.Stability, files: Sequence[str] = ()) -> Res
 
 
 def point_name(point: OperatingPoint) -> str:
-    """Text of an operating point, such as `pressing with 5 N at (0, 20, -105) mm`."""
+    """Format an operating point as text, such as `pressing with 5 N at (0, 20, -105) mm`."""
     x, y, z = (round(1e3 * value, 2) + 0.0 for value in point.p_B)
     doing = f"pressing with {point.F_z:.3g} N" if point.in_contact else "in air"
     return f"{doing} at ({x:g}, {y:g}, {z:g}) mm"
 
 
 def loop_name(name: str) -> str:
-    """Text of a loop's name, such as `position z`."""
+    """Return the displayed name of a control loop, such as `position z`."""
     return name.replace("_", " ")
 
 
@@ -210,13 +210,13 @@ def _hertz(omega: float | None) -> str:
 
 
 def _unbroken_note(head: str, text: str) -> Note:
-    """Return a note of `text` after `head` that breaks neither a number from its unit nor a bracketed group."""
+    """Return a note whose lines break neither a number from its unit nor a bracketed group."""
     tied = VALUE_PATTERN.sub(lambda found: found.group().replace(" ", NO_BREAK_SPACE), text)
     return Note(tied, head, max(2, len(head)), whole=True)
 
 
 def passivity_result(done: passivity.Passivity, files: Sequence[str] = ()) -> Result:
-    """Return the report of a passivity analysis: passive points, rendered stiffness, trial, paths of `files`."""
+    """Return the report of a passivity analysis: passive points, rendered stiffness, trial, written files."""
     passive = sum(point.bands["all"] is None and point.stable for point in done.points)
     parts = [
         *([Note(_rendering_text(done.width), "  renders   ")] if done.width is not None else []),

@@ -34,7 +34,7 @@ RESULTS_FOLDER = Path("results/build")
 def model_description(
     fmi: str, name: str, guid: str, about: str, variables: Sequence[ExportedVariable], tick: float, duration: float
 ) -> bytes:
-    """Format modelDescription.xml as UTF-8, reproducible byte for byte.
+    """Format modelDescription.xml of an exported part as UTF-8, reproducible byte for byte.
 
     Args:
         guid: the GUID compiled into the binary.
@@ -150,7 +150,7 @@ def pack_fmu(
     wanted: Path,
     say: Callable[[str], None],
 ) -> bytes:
-    """Compile and link a part for all `platforms` and return the FMU archive."""
+    """Compile and link an exported part for all platforms and return the bytes of the FMU."""
     steps = linking.emit_steps(layout, platforms, say)
     variables = layout.variables if fmi == "3.0" else layout.scalars()
     experiment = part.experiment
@@ -187,7 +187,10 @@ def pack_fmu(
 
 
 def _binaries(name: str, fmi: str, libraries: dict[linking.Platform, bytes]) -> dict[str, bytes]:
-    """Libraries by their paths in the archive; FMI 2.0 has one library for all processors of macOS."""
+    """Return an FMU's shared libraries by their paths in the archive.
+
+    FMI 2.0 has one library for all processors of macOS.
+    """
     places: dict[str, dict[str, bytes]] = {}
     for platform, library in libraries.items():
         folder = platform.name if fmi == "3.0" else platform.fmi2
@@ -252,7 +255,7 @@ def build_fmu(
 
 
 def part_description(part: RobotPart) -> str:
-    """Description of a part and the meaning of its steps, in some sentences."""
+    """Return a description of an exported part and of the timing of its steps, in some sentences."""
     experiment = part.experiment
     names = ", ".join(component.name for component in part.components)
     sampled = [component.name for component in part.components if component.sampled]

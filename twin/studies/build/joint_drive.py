@@ -31,7 +31,7 @@ REAL_TYPES = ("Real", "Float64", "Float32")
 
 
 class Socket(NamedTuple):
-    """A variable of an element of the system, converted to the robot's signal: SI value = gain * value + offset."""
+    """An FMU variable in an exported system, with its conversion: SI value = gain * value + offset."""
 
     element: str
     variable: str
@@ -41,7 +41,7 @@ class Socket(NamedTuple):
 
 @dataclass(frozen=True)
 class Element:
-    """An FMU of a drive, or one of twin's own components around it.
+    """An FMU of a drive in an exported system, or one of twin's own components around it.
 
     Attributes:
         name: name in the system, e.g. "drive_1".
@@ -61,7 +61,7 @@ class Element:
 
 @dataclass(frozen=True)
 class JointDrive:
-    """The drive of one joint for export.
+    """The drive of one joint in an exported system: elements, connections, inputs, angle.
 
     Attributes:
         elements: in the order of a tick.
@@ -77,7 +77,7 @@ class JointDrive:
 
 
 def travelling_drives(experiment: Experiment) -> tuple[JointDrive, ...]:
-    """Return the exportable drives of the three joints."""
+    """Return the drives of the three joints for export; refuse those that depend on twin's own master."""
     plans = planned_drives(experiment)
     if experiment.monitor is not None:
         plans = tuple(plan.with_enable_input() for plan in plans)
@@ -105,7 +105,7 @@ def travelling_drives(experiment: Experiment) -> tuple[JointDrive, ...]:
 
 
 def _with_unpowered_shaft(joint: JointDrive, shaft: Component) -> JointDrive:
-    """Append a component for the shaft without power to `joint`, whose angle replaces the drive's."""
+    """Return an exported joint drive with a component for its shaft without power appended."""
     name = f"drive_{shaft.name.rpartition('_')[2]}_unpowered"
     starts = (float(shaft.initial("theta_m")[0]), 0.0, 1.0, 0.0)
     own = {port.name: Socket(name, port.name) for port in shaft.inputs}
@@ -123,7 +123,7 @@ def _with_unpowered_shaft(joint: JointDrive, shaft: Component) -> JointDrive:
 
 
 def _refuse_unexportable(plan: DrivePlan, tick: float) -> None:
-    """Refuse a drive that depends on twin's own master."""
+    """Refuse to export a drive that depends on twin's own master."""
     label = plan.label
     if plan.system is not None:
         raise InputRefused(f"{label}: is an SSP itself, which is not taken apart; `twin drive new` makes parts of it")

@@ -26,7 +26,7 @@ STATUS_TEXTS = {"plant": "left the workspace, a leg cannot reach the platform"}
 
 
 class ExportedVariable(NamedTuple):
-    """A variable of the FMU: one value, or an array of several.
+    """A variable of an exported FMU: one value, or an array of several.
 
     Attributes:
         name: e.g. `plant.F_ee_B`.
@@ -46,7 +46,7 @@ class ExportedVariable(NamedTuple):
 
 
 class Slot(NamedTuple):
-    """memory[offset] = value * factor / divisor * times, see `part.h`."""
+    """Place of a parameter value in an exported part's memory: memory[offset] = value * factor / divisor * times."""
 
     value: int
     offset: int
@@ -56,7 +56,7 @@ class Slot(NamedTuple):
 
 
 class EntryRow(NamedTuple):
-    """A component's row of the C table, or the row of one of its initial functions.
+    """Row of the C table of an exported part: one component, or one of its initial functions.
 
     Attributes:
         period: in ticks; 0 for a call before the first step only.
@@ -76,7 +76,7 @@ class EntryRow(NamedTuple):
 
 @dataclass(frozen=True)
 class Layout:
-    """The tables of `part.h`, under the same names."""
+    """Memory layout of an exported part: the tables of `part.h`, under the same names."""
 
     variables: tuple[ExportedVariable, ...]
     rows: tuple[EntryRow, ...]
@@ -87,11 +87,11 @@ class Layout:
 
     @property
     def values(self) -> int:
-        """Number of values of all variables."""
+        """Number of values of all variables of the exported part."""
         return sum(len(variable.start) for variable in self.variables)
 
     def scalars(self) -> tuple[ExportedVariable, ...]:
-        """The same variables split into scalars for standards without arrays: `p_B[1]`, `p_B[2]`, `p_B[3]`."""
+        """Return the exported variables split into scalars, for FMI 2.0: `p_B[1]`, `p_B[2]`, `p_B[3]`."""
         return tuple(
             variable
             if len(variable.start) == 1
@@ -102,7 +102,7 @@ class Layout:
 
 
 def layout_of(part: RobotPart, parameters: Sequence[OpenParameter]) -> Layout:
-    """Build the layout of `part` with its open `parameters`."""
+    """Build the memory layout of an exported part with its settable parameters."""
     blocks = list(_blocks(part))
     variables = list(_variables(part, parameters))
     first_of = {variable.name: variable.first for variable in variables}
@@ -148,7 +148,7 @@ def _blocks(part: RobotPart) -> Iterator[_Block]:
 
 
 def _offset(blocks: Sequence[_Block], memory: np.ndarray) -> int:
-    """Offset of `memory`, a view of one of the blocks (bytes)."""
+    """Return the offset in bytes of a component's memory array in the exported memory block."""
     address = memory.ctypes.data
     for block in blocks:
         inside = address - block.array.ctypes.data
@@ -201,14 +201,14 @@ def _variables(part: RobotPart, parameters: Sequence[OpenParameter]) -> Iterator
 
 
 def _bracket_unit(text: str) -> str:
-    """A unit with its denominator in brackets: `mm/(N.s)` for twin's `mm/N.s`."""
+    """Return a unit with its denominator in brackets: `mm/(N.s)` for `mm/N.s`."""
     above, per, below = text.partition("/")
     below = below.replace("/", ".")
     return f"{above}{per}({below})" if "." in below else f"{above}{per}{below}"
 
 
 def _outputs(part: RobotPart) -> Iterator[tuple[str, Port, np.ndarray]]:
-    """Yield (component, port, start values) of all values of y, in their order."""
+    """Yield (component, port, start values) of all outputs of an exported part, in order."""
     for component in part.components:
         for port, start in zip(
             component.outputs, by_port(component.outputs, component.initial_outputs).values(), strict=True
@@ -247,7 +247,7 @@ def _first(component: str, outputs: Sequence[Port], first_of: dict[str, int]) ->
 
 
 def _source(part: RobotPart, component: NativeComponent, port: Port, n: int, first_of: dict[str, int]) -> int:
-    """Index of the value that feeds one element of an input."""
+    """Return the index of the value that feeds one element of an input of an exported component."""
     end = part.feeds.get(End(component.name, port.name, n))
     if end is None:
         return first_of[port.name] + n
@@ -255,7 +255,7 @@ def _source(part: RobotPart, component: NativeComponent, port: Port, n: int, fir
 
 
 def sizes_header(layout: Layout, variables: Sequence[ExportedVariable], guid: str, tick: float) -> str:
-    """The content of the header `sizes.h`."""
+    """Return the content of the C header `sizes.h` of an exported part."""
     numbers = {
         "N_VARIABLES": len(variables),
         "N_VALUES": layout.values,
@@ -270,7 +270,7 @@ def sizes_header(layout: Layout, variables: Sequence[ExportedVariable], guid: st
 
 
 def tables_source(layout: Layout, variables: Sequence[ExportedVariable]) -> str:
-    """The content of the source `tables.c`."""
+    """Return the content of the C source `tables.c` of an exported part."""
     steps = {row.symbol for row in layout.rows}
     doubles = struct.unpack(f"<{len(layout.image) // 8}Q", layout.image)
     return "\n".join(
@@ -322,7 +322,7 @@ def _component(row: EntryRow) -> str:
 
 
 def _number(value: float) -> str:
-    """A hexadecimal C literal that is exactly `value`."""
+    """Format a number as a hexadecimal C literal with exactly its value."""
     if math.isinf(value):
         return "-HUGE_VAL" if value < 0 else "HUGE_VAL"
     return float(value).hex()

@@ -37,12 +37,12 @@ SYMBOL_PREFIX = "computer_"
 
 
 def step_ticks(part: RobotPart) -> int:
-    """Ticks per library step: the greatest common divisor of the component periods."""
+    """Return the ticks per step of the exported C library: the greatest common divisor of the component periods."""
     return math.gcd(*(component.period for component in part.components))
 
 
 def header(part: RobotPart, layout: Layout) -> bytes:
-    """The content of computer.h."""
+    """Return the content of computer.h, the header of the exported C library."""
     experiment = part.experiment
     tick = experiment.cosim.tick
     parameters: dict[str, Any] = {}
@@ -78,7 +78,7 @@ def header(part: RobotPart, layout: Layout) -> bytes:
 
 
 def fields(part: RobotPart, layout: Layout) -> bytes:
-    """The content of fields.c, see `computer.c`."""
+    """Return the content of fields.c, the tables of parameters, error messages and ports of the exported C library."""
     parameters = parameters_of(layout)
     places = [
         f"{{offsetof(computer_parameters, {v.name}), {_text(f'{v.name}: expected {expected_range(v.limits)}')}, "
@@ -118,12 +118,12 @@ def fields(part: RobotPart, layout: Layout) -> bytes:
 
 
 def parameters_of(layout: Layout) -> list[ExportedVariable]:
-    """The variables of `layout` that are parameters; these come first."""
+    """Return the exported variables that are parameters; these come first."""
     return [v for v in layout.variables if v.kind in ("parameter", "tunable")]
 
 
 def expected_range(limits: Limits) -> str:
-    """Text of a parameter's limits, such as `more than 0, at most 1`."""
+    """Format the limits of a parameter as text, such as `more than 0, at most 1`."""
     words = zip(("more than", "at least", "less than", "at most"), limits, strict=True)
     return ", ".join(f"{word} {limit:g}" for word, limit in words if limit is not None) or "a finite number"
 
@@ -152,7 +152,7 @@ def _element_name(port: Port, n: int) -> str:
 
 
 def _words(layout: Layout) -> int:
-    """Size of a `State` of part.h in 8-byte words: stamp, mode, two ticks, and the arrays of this layout."""
+    """Return the size of the exported C library's `State` in 8-byte words: stamp, mode, two ticks, arrays."""
     return 4 + layout.values + len(layout.sources) + 1 + -(-len(layout.image) // 8)
 
 

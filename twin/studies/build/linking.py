@@ -44,7 +44,7 @@ _MACHO_FIELDS = {"x86_64": (0x01000007, 3, 12), "arm64": (0x0100000C, 0, 14)}
 
 
 class Platform(NamedTuple):
-    """A processor and an operating system.
+    """A target platform of an exported part: a processor and an operating system.
 
     Attributes:
         name: platform tuple of FMI 3.0, which names the folder.
@@ -67,7 +67,7 @@ class Platform(NamedTuple):
 
     @property
     def is_elf(self) -> bool:
-        """Whether the libraries are ELF files, as on Linux."""
+        """Whether the platform's shared libraries are ELF files, as on Linux."""
         return self.suffix == "so"
 
 
@@ -86,7 +86,7 @@ HOST_PLATFORM = PLATFORMS["x86_64-linux"]
 
 
 def select_platforms(names: Sequence[str], fmi: str | None = None) -> list[Platform]:
-    """Return the build platform and the platforms in `names`; "all" selects every platform that `fmi` supports."""
+    """Return the build platform and the requested target platforms; "all" selects every one that `fmi` supports."""
     able = {name: platform for name, platform in PLATFORMS.items() if platform.fmi2 or fmi != "2.0"}
     for name in names:
         if name == ALL_PLATFORMS or name in able:
@@ -98,17 +98,17 @@ def select_platforms(names: Sequence[str], fmi: str | None = None) -> list[Platf
 
 
 def names_of(platforms: Iterable[Platform]) -> str:
-    """The names of platforms, separated by commas."""
+    """Return the names of platforms, separated by commas."""
     return ", ".join(platform.name for platform in platforms)
 
 
 def summary(title: str, rows: Mapping[str, str]) -> str:
-    """Text about a build: a title and one line per row."""
+    """Return a text about a finished build: a title and one line per row."""
     return "\n".join([title, *(f"  {label:<8} {text}" for label, text in rows.items())])
 
 
 class EmittedStep(NamedTuple):
-    """A compiled step for one platform: symbol, LLVM text, object file."""
+    """A component's compiled step for one platform: symbol, LLVM text, object file."""
 
     symbol: str
     text: str
@@ -116,7 +116,9 @@ class EmittedStep(NamedTuple):
 
 
 def emit_step(step: Module, platform: Platform, form: ProcessorForm) -> EmittedStep:
-    """Emit a form of `int symbol(int32 *, void **, void *self, double t, double h, const double *u, double *y)`.
+    """Compile a component's step for another platform to an object file with a C function.
+
+    Its signature is `int symbol(int32 *, void **, void *self, double t, double h, const double *u, double *y)`.
 
     Raises:
         InputRefused: the step needs more than mathematics, e.g. memory of its own.
@@ -139,7 +141,7 @@ def emit_step(step: Module, platform: Platform, form: ProcessorForm) -> EmittedS
 def emit_steps(
     layout: Layout, platforms: Sequence[Platform], say: Callable[[str], None]
 ) -> dict[Platform, list[EmittedStep]]:
-    """Compile all steps of a layout, in all forms, for each platform."""
+    """Compile all steps of an exported part for each platform, in all variants of the code."""
     modules = []
     for row in layout.rows:
         say(f"compiling {row.component.name}")
@@ -152,17 +154,17 @@ def emit_steps(
 
 
 def object_files(steps: Sequence[EmittedStep]) -> dict[str, bytes]:
-    """Object files of `steps` by file name."""
+    """Return the object files of compiled steps by file name."""
     return {f"{step.symbol}.o": step.content for step in steps}
 
 
 def c_files(*names: str) -> dict[str, bytes]:
-    """The named C files shared by all parts, as name -> content."""
+    """Return the named ones of the C files shared by all exported parts, as name -> content."""
     return {name: (C_FOLDER / name).read_bytes() for name in names}
 
 
 def guid_of(*contents: bytes) -> str:
-    """A GUID derived from the hash of `contents`."""
+    """Return a GUID derived from the hash of the given contents."""
     digest = hashlib.sha256()
     for content in contents:
         digest.update(f"{len(content)}\n".encode() + content)
@@ -170,7 +172,7 @@ def guid_of(*contents: bytes) -> str:
 
 
 def refuse_platform(wanted: Path, platforms: Sequence[Platform]) -> None:
-    """Refuse to build on another system than x86-64 Linux, or without a compiler for one of `platforms`."""
+    """Refuse to build unless on x86-64 Linux with a compiler for every target platform."""
     if sys.platform != "linux" or machine.machine() not in ("x86_64", "AMD64"):
         here = f"{machine.machine()} {machine.system()}"
         raise InputRefused(f"{wanted}: native code is built on x86-64 Linux; this is {here}")
@@ -181,7 +183,7 @@ def refuse_platform(wanted: Path, platforms: Sequence[Platform]) -> None:
 def shared_library(
     name: str, source: str, platform: Platform, files: Mapping[str, bytes], options: Sequence[str], wanted: Path
 ) -> bytes:
-    """Compile a C file and link it with the object files of `files` to a shared library.
+    """Compile a C file and link it with object files to a shared library for a platform.
 
     Args:
         name: library name without suffix.
@@ -202,7 +204,7 @@ def shared_library(
 
 
 def static_library(source: str, platform: Platform, files: Mapping[str, bytes], wanted: Path) -> bytes:
-    """Compile a C file and archive it with the object files of `files` to a static library that needs at most libm."""
+    """Compile a C file and archive it with object files to a static library that needs at most libm."""
     # no hardening that needs a system's C library
     bare = ("-fno-stack-protector", "-U_FORTIFY_SOURCE", "-fno-strict-aliasing")
     built = Path(source).with_suffix(".o").name
@@ -216,7 +218,10 @@ def static_library(source: str, platform: Platform, files: Mapping[str, bytes], 
 
 
 def universal(slices: Mapping[str, bytes]) -> bytes:
-    """Combine macOS libraries of several processors, by triple, to one (layout: <mach-o/fat.h>, big-endian)."""
+    """Combine macOS libraries of several processors, by triple, to one universal library.
+
+    Layout: <mach-o/fat.h>, big-endian.
+    """
     header = struct.pack(">II", 0xCAFEBABE, len(slices))
     body, start = b"", 8 + 20 * len(slices)
     for triple, content in slices.items():

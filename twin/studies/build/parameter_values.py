@@ -23,7 +23,7 @@ FOREIGN_KINDS: dict[str, ssp.ConnectorKind] = {
 
 
 def unambiguous_units(units: Iterable[ssp.UnitDefinition | None]) -> dict[str, ssp.UnitDefinition]:
-    """Collect the units of one file by name, without names that have two meanings."""
+    """Collect the units of one SSP file by name, without names that have two meanings."""
     found: dict[str, ssp.UnitDefinition] = {}
     disputed: set[str] = set()
     for unit in units:
@@ -33,7 +33,7 @@ def unambiguous_units(units: Iterable[ssp.UnitDefinition | None]) -> dict[str, s
 
 
 def origin(experiment: Experiment, key: str) -> str:
-    """The source of the value of a key of the experiment's file; "" if not stated."""
+    """Return the source that the experiment states for a key's value; "" if not stated."""
     for table in FROM_ROBOT:
         if key.startswith(f"{table}.") and key not in experiment.origins:
             key = f"robot{key.removeprefix(table)}"
@@ -41,7 +41,7 @@ def origin(experiment: Experiment, key: str) -> str:
 
 
 def foreign_connectors(description: FmuDescription, variables: Sequence[Variable]) -> tuple[ConnectorUnit, ...]:
-    """Connectors of a third-party FMU for some of its variables."""
+    """Return the SSP connectors of a third-party FMU for some of its variables."""
     found = []
     for v in variables:
         kind, unit = _type(v), _unit(v, description)
@@ -63,7 +63,7 @@ def foreign_values(
     source: str,
     metadata: ssp.Metadata,
 ) -> ssp.ParameterSet:
-    """Parameter set of an FMU of a drive before its initialisation.
+    """Return the SSP parameter set of a drive's FMU: its values before initialisation.
 
     Args:
         table: table of the experiment with the FMU's parameters, "drive.parameters".
@@ -84,7 +84,7 @@ def foreign_values(
 
 
 def _plain(variable: Variable, kind: str, value: float | np.ndarray | list[str] | list[bytes]) -> float | str:
-    """Convert a value to the form of a parameter set: text, bytes as hex, items by their names."""
+    """Convert an FMU value to its form in an SSP parameter set: text, bytes as hex, enumeration items by name."""
     one = value if isinstance(value, float) else value[0]
     if isinstance(one, bytes):
         return one.hex()
@@ -94,12 +94,12 @@ def _plain(variable: Variable, kind: str, value: float | np.ndarray | list[str] 
 
 
 def _type(variable: Variable) -> str:
-    """SSP 1.0 type of a variable; all integers of FMI 3.0 are Integer."""
+    """Return the SSP 1.0 type of an FMU variable; all integers of FMI 3.0 are Integer."""
     return SSP_TYPES.get(variable.type, "Integer")
 
 
 def _unit(variable: Variable, description: FmuDescription) -> ssp.UnitDefinition | None:
-    """Unit of a variable; None if not stated."""
+    """Return the unit of an FMU variable for an SSP; None if not stated."""
     text = variable.unit
     if not text or _type(variable) != "Real":
         return None

@@ -89,7 +89,7 @@ _FIXED_KEYS = {
 
 @dataclass(frozen=True)
 class Beginning:
-    """A compiled function called once before the first step, with a step's signature and its component's memory.
+    """A compiled function of an exported component that is called once before the first step.
 
     Attributes:
         step: the compiled function.
@@ -102,7 +102,7 @@ class Beginning:
 
 @dataclass(frozen=True)
 class RobotPart:
-    """A part of the robot to build.
+    """A part of the robot to export: components, connections, inputs.
 
     Attributes:
         components: in the order of a tick, sampled ones first.
@@ -121,12 +121,12 @@ class RobotPart:
     start: Sequence[float]
 
     def component(self, name: str) -> NativeComponent | None:
-        """The component called `name`; None if the part lacks it."""
+        """Return a component of the exported part by name; None if the part lacks it."""
         return next((component for component in self.components if component.name == name), None)
 
 
 def drive_commands(part: RobotPart) -> dict[str, str]:
-    """Map each drive input that the part feeds to the output that feeds it, e.g. `monitor.omega_ref`."""
+    """Return the drive inputs that an exported part feeds, each with the output that feeds it."""
     (drives,) = (row for row in COMPONENT_ROWS if row.name == DRIVE_ROW)
     fed = {
         port: [
@@ -140,7 +140,7 @@ def drive_commands(part: RobotPart) -> dict[str, str]:
 
 
 def part_of(experiment: Experiment, name: str) -> RobotPart:
-    """Build the part `name` of the robot of `experiment`."""
+    """Build a part of the experiment's robot for export, such as "plant" or "computer"."""
     plant, theta_m = resting_plant(experiment, "body" in experiment.stand_ins)
     build = Build(experiment, (), IN_PROCESS_MAKER, plant, theta_m)
     made = {row.name: _row_components(row, build) for row in COMPONENT_ROWS}
@@ -173,7 +173,7 @@ def part_of(experiment: Experiment, name: str) -> RobotPart:
 
 
 def _row_components(row: ComponentRow, build: Build) -> list[Component]:
-    """Components of a row; drives and third-party parts are represented by their ports only."""
+    """Create the components of one row of the robot; drives and third-party parts are replaced by their ports."""
     if row.name == DRIVE_ROW:
         return [Component(DRIVE_ROW, DRIVE_INPUTS, DRIVE_OUTPUTS, False, 0, 0, build.theta_m)]
     if row.name in build.experiment.stand_ins:
@@ -183,7 +183,10 @@ def _row_components(row: ComponentRow, build: Build) -> list[Component]:
 
 
 def _start_values(component: Component, port: Port, components: Sequence[Component], feeds: Feeds) -> np.ndarray:
-    """Values of an input at the start of the experiment, with the robot at rest; 0 without a source."""
+    """Return the values of an exported input at the start of the experiment, with the robot at rest.
+
+    0 without a source.
+    """
     values = np.zeros(port.size)
     for n in range(port.size):
         source = feeds.get(End(component.name, port.name, n))
@@ -194,12 +197,12 @@ def _start_values(component: Component, port: Port, components: Sequence[Compone
 
 
 def fault_of(experiment: Experiment, name: str) -> Fault | None:
-    """The fault of the component `name`, e.g. `fault_1` for the first; None if `name` is another component."""
+    """Return the experiment's fault with the component name `fault_1` or similar; None for any other component."""
     return next((fault for n, fault in enumerate(experiment.faults, start=1) if name == f"fault_{n}"), None)
 
 
 def related_keys(fault: Fault) -> tuple[str, ...]:
-    """Keys of other tables that affect the component of `fault`."""
+    """Return the experiment's keys in other tables that affect a fault's component."""
     match FAULT_KINDS[fault.kind].mechanism:
         case "counts":
             side = "motor" if fault.target.startswith("motor") else "joint"
@@ -212,7 +215,7 @@ def related_keys(fault: Fault) -> tuple[str, ...]:
 
 
 class Destination(NamedTuple):
-    """A place of a number in memory.
+    """Place in an exported component's memory that a parameter is written to.
 
     Attributes:
         component: component that owns the memory.
@@ -247,7 +250,7 @@ class OpenParameter(NamedTuple):
 
 
 def open_parameters(part: RobotPart) -> list[OpenParameter]:
-    """List the open parameters of `part`, in the order of the file's tables."""
+    """List the numbers of the experiment's file that can still be set in an exported part, in the file's order."""
     found: dict[str, list[Destination]] = {}
     worked_out = {f"controller.model.{name}" for name in Model.model_fields} if has_tissue_estimate(part) else set()
     for component in part.components:
@@ -300,7 +303,7 @@ Destinations = Iterator[tuple[str, Destination]]
 
 
 def _numbers(part: RobotPart, component: NativeComponent) -> Destinations:
-    """Yield the key and the memory of each number of the file in the memory of a `component`."""
+    """Yield each number of the experiment's file that is in a component's memory: its key and place."""
     name = component.name
     for memory in SETTING_MEMORIES:
         for field, source in memory.fields.items() if memory.component == name else ():
@@ -315,7 +318,10 @@ def _numbers(part: RobotPart, component: NativeComponent) -> Destinations:
 
 
 def _is_open(part: RobotPart, record: str, path: str, name: str) -> bool:
-    """Whether a number can stay a parameter: the experiment sets it and nothing is precomputed from it."""
+    """Whether a number can stay a parameter of the exported part.
+
+    The experiment must set it, and nothing may be precomputed from it.
+    """
     c, watched = part.experiment.controller, part.experiment.monitor
     table: Any = part.experiment
     for inner in path.split("."):
@@ -351,12 +357,12 @@ def _body(part: RobotPart) -> Destinations:
 
 
 def has_tissue_estimate(part: RobotPart) -> bool:
-    """Whether the part's controller estimates the tissue, which needs masses and springs precomputed in Python."""
+    """Whether an exported part's controller estimates the tissue, which needs values precomputed in Python."""
     return part.component("controller") is not None and part.experiment.controller.tissue is not None
 
 
 def stated_values(experiment: Experiment, table: str) -> Mapping[str, Any]:
-    """The experiment's values in `table`, e.g. `controller.force`, or `fault_2` for the second [[fault]]."""
+    """Return the experiment's values in a table such as `controller.force`, or `fault_2` for the second [[fault]]."""
     values: Any = experiment.values
     if fault_of(experiment, table):
         return values["fault"][int(table.rpartition("_")[2]) - 1]
@@ -366,7 +372,7 @@ def stated_values(experiment: Experiment, table: str) -> Mapping[str, Any]:
 
 
 def fixed_keys(part: RobotPart, offered: Sequence[OpenParameter]) -> list[str]:
-    """Keys of the experiment's file that affect the part and cannot be set any more."""
+    """Return the experiment's keys that affect an exported part and cannot be set any more."""
     open_ones = {parameter.key for parameter in offered}
     experiment = part.experiment
     keys: dict[str, None] = {}
@@ -382,7 +388,7 @@ def fixed_keys(part: RobotPart, offered: Sequence[OpenParameter]) -> list[str]:
 
 
 def _is_stated_key(experiment: Experiment, key: str) -> bool:
-    """Whether the experiment sets the key, or has the table."""
+    """Whether the experiment sets a key, or has a table."""
     table, _, name = key.strip("[]").rpartition(".")
     value = stated_values(experiment, table).get(name)
     return bool(value) or value == 0

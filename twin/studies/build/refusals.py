@@ -11,7 +11,7 @@ from twin.robot.experiment.fault import FAULT_KINDS
 
 
 def refuse_unbuildable(experiment: Experiment, name: str, wanted: Sequence[str]) -> None:
-    """Refuse third-party components, and parts that a master could not step."""
+    """Refuse to export third-party components, and parts that another master could not step."""
     if name.startswith("drive"):
         raise InputRefused(f"{name}: a drive is an FMU already; expected another part of {experiment.name}")
     for role in wanted:
@@ -34,7 +34,7 @@ def refuse_unbuildable(experiment: Experiment, name: str, wanted: Sequence[str])
 
 
 def _refuse_alone(name: str, kind: str) -> None:
-    """Refuse a fault that is not a component of its own."""
+    """Refuse to export a fault that cannot be a component of its own."""
     if kind in FAULT_PLACES:
         owner = FAULT_PLACES[kind].component
         raise InputRefused(
@@ -45,7 +45,7 @@ def _refuse_alone(name: str, kind: str) -> None:
 
 
 def refuse_changes(experiment: Experiment, wanted: Sequence[str]) -> None:
-    """Refuse components that the experiment's [[change]] tables modify."""
+    """Refuse to export components that the experiment's [[change]] tables modify."""
     for change in experiment.changes:
         if TUNABLE_PLACES[change.key].component in wanted:
             raise InputRefused(
@@ -55,7 +55,7 @@ def refuse_changes(experiment: Experiment, wanted: Sequence[str]) -> None:
 
 
 def refuse_inner_faults(experiment: Experiment, name: str, wanted: Sequence[str], sound: Feeds, feeds: Feeds) -> None:
-    """Refuse a part with a fault between its own components: a fault must be a part of its own.
+    """Refuse to export a part with a fault between its own components.
 
     Args:
         sound, feeds: connections of all components without and with faults.

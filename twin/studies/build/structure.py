@@ -20,7 +20,7 @@ ET.register_namespace("oms", OPEN_MODELICA)
 
 @dataclass(frozen=True)
 class Member:
-    """An element of the system.
+    """An element of an exported SSP system, with its FMU and description.
 
     Attributes:
         about: description in one sentence.
@@ -41,7 +41,7 @@ def structure(
     hashes: Mapping[str, str],
     metadata: ssp.Metadata,
 ) -> ssp.Structure:
-    """Return the complete SSP structure of the robot.
+    """Return the complete SSP structure of the robot: elements, connectors, connections, annotations.
 
     Args:
         members: elements in the order of a Gauss-Seidel master.
@@ -108,7 +108,7 @@ def _connections(members: Sequence[Member], drives: Sequence[JointDrive]) -> Ite
 
 
 def _feeding_socket(name: str, given: Mapping[str, Socket], drives: Sequence[JointDrive]) -> Socket:
-    """Socket that feeds an input of one of twin's own parts."""
+    """Return the variable that feeds an input of one of twin's own parts in an SSP."""
     port, bracket, number = name.removesuffix("]").partition("[")
     if port == "theta_m":
         return drives[int(number) - 1].theta_m
@@ -124,7 +124,10 @@ def _feeding_socket(name: str, given: Mapping[str, Socket], drives: Sequence[Joi
 
 
 def _first_available(given: Mapping[str, Socket], sources: Sequence[str]) -> str:
-    """The first of `sources` in `given`, as a whole or by its elements; "" if all are missing."""
+    """Return the first of several sources that an exported part has, as a whole or by its elements.
+
+    "" if all are missing.
+    """
     return next((name for name in sources if name in given or f"{name}[1]" in given), "")
 
 
@@ -137,7 +140,10 @@ def _connection(source: Socket, target: Socket) -> ssp.Connection:
 
 
 def _fixed_steps(tick: float) -> str:
-    """Annotation of a fixed-step master for OMSimulator; SSP itself cannot express one."""
+    """Return the SSP annotation that asks OMSimulator for a fixed-step master.
+
+    SSP itself cannot express one.
+    """
     root = ET.Element(f"{{{OPEN_MODELICA}}}Annotations")
     about = ET.SubElement(root, f"{{{OPEN_MODELICA}}}SimulationInformation")
     steps = {"description": "oms-ma", "stepSize": repr(tick), "absoluteTolerance": "1e-4", "relativeTolerance": "1e-4"}
@@ -146,7 +152,7 @@ def _fixed_steps(tick: float) -> str:
 
 
 def _provenance(experiment: Experiment, hashes: Mapping[str, str]) -> str:
-    """Annotation of the sources and the software of the build, and of the twin's coupling scheme."""
+    """Return the SSP annotation about sources and software of the build and twin's coupling scheme."""
     cosim = experiment.cosim
     stated = {"experiment": experiment.name, "scheme": cosim.scheme, "stepSize": repr(cosim.tick)}
     root = ET.Element(f"{{{BUILD_NAMESPACE}}}Build", stated)

@@ -53,7 +53,7 @@ COMPUTER_PART, BUS_PART, PLANT_PART = "computer", "bus", "plant"
 
 
 def own_connectors(variables: Sequence[ExportedVariable]) -> tuple[ConnectorUnit, ...]:
-    """Connectors of the scalars of one of twin's own parts."""
+    """Return the SSP connectors for the scalar variables of one of twin's own parts."""
     return tuple(
         (ssp.Connector(v.name, KIND_CONNECTORS[v.kind], "Real", v.text, (), v.meaning), _unit(v)) for v in variables
     )
@@ -62,7 +62,7 @@ def own_connectors(variables: Sequence[ExportedVariable]) -> tuple[ConnectorUnit
 def own_values(
     experiment: Experiment, name: str, variables: Sequence[ExportedVariable], source: str, metadata: ssp.Metadata
 ) -> ssp.ParameterSet:
-    """Parameter set of one of twin's own parts, with the source of each value.
+    """Return the SSP parameter set of one of twin's own parts, with the source of each value.
 
     Args:
         source: entry of the archive.
@@ -87,7 +87,7 @@ def system_readme(
     hashes: Mapping[str, str],
     platforms: Sequence[Platform],
 ) -> str:
-    """The content of documentation/README.md of the archive."""
+    """Return the README of an exported SSP archive."""
     cosim = experiment.cosim
     lines = [
         f"# {experiment.name}",
@@ -219,7 +219,7 @@ def _refuse_unexportable(experiment: Experiment) -> None:
 
 
 class _ArchiveBuilder:
-    """Builder of the files of an SSP archive."""
+    """Builder of the files of an SSP archive with the robot's parts and drives."""
 
     def __init__(
         self, experiment: Experiment, fmi: str, platforms: Sequence[Platform], wanted: Path, say: Callable[[str], None]
@@ -234,11 +234,11 @@ class _ArchiveBuilder:
 
     @property
     def hashes(self) -> dict[str, str]:
-        """SHA-256 of the files so far, by entry."""
+        """SHA-256 of the archive's files so far, by entry."""
         return {entry: hashlib.sha256(content).hexdigest() for entry, content in sorted(self._files.items())}
 
     def add_part(self, part: RobotPart) -> None:
-        """Append one of twin's own parts: its FMU and its values."""
+        """Add one of twin's own parts to the SSP archive: its FMU and its values."""
         name, offered = part.name, open_parameters(part)
         layout = layout_of(part, offered)
         # SSP 1.0 has no arrays
@@ -260,7 +260,7 @@ class _ArchiveBuilder:
         self._add(Member(name, description, entry, own_connectors(layout.variables), values))
 
     def add_element(self, number: int, element: Element) -> None:
-        """Append an element of the drive of joint `number`."""
+        """Add an element of the drive of one joint to the SSP archive."""
         if not isinstance(element.content, FmuDescription):
             component, starts = element.content, iter(element.starts)
             inputs = {port.name: (port, np.array([next(starts)])) for port in component.inputs}
@@ -290,7 +290,7 @@ class _ArchiveBuilder:
         )
 
     def pack_archive(self, drives: Sequence[JointDrive]) -> bytes:
-        """Return the archive of all files, with the structure and the README."""
+        """Return the SSP archive of all files, with structure and README."""
         experiment = self._experiment
         facts = {
             "name": experiment.name,
@@ -313,7 +313,7 @@ class _ArchiveBuilder:
         self.members.append(member)
 
     def _foreign_entry(self, fmu: FmuDescription) -> str:
-        """Archive path of a third-party FMU, which is stored once."""
+        """Return the archive path of a third-party FMU, which is stored once."""
         if fmu.sha256 not in self._foreign:
             stem = re.sub(r"[^A-Za-z0-9_.-]", "_", fmu.path.stem)
             # twin's own names are reserved
@@ -328,7 +328,7 @@ class _ArchiveBuilder:
 
 
 def _table(experiment: Experiment, number: int, part: str) -> str:
-    """The experiment's table that sets the parameters of an FMU."""
+    """Return the name of the experiment's table that sets the parameters of a drive's FMU."""
     tail = f"parts.{part}.parameters" if part else "parameters"
     own = f"drive.joint_{number}.{tail}"
     return own if any(key.startswith(own) for key in experiment.origins) else f"drive.{tail}"

@@ -39,13 +39,13 @@ Width = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
 
 
 class _Table(BaseModel):
-    """Base of the tables of a baseline file."""
+    """Base class of the tables of a baseline file."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class BaselineMetric(_Table):
-    """A number of a baseline; a change by more than its bound in either direction is a deviation.
+    """A number of a regression baseline; a change by more than its bound in either direction is a deviation.
 
     Attributes:
         keep: whether the bound was chosen by a user, so that updates leave it.
@@ -58,14 +58,14 @@ class BaselineMetric(_Table):
 
 
 class HistoryEntry(_Table):
-    """Date and reason of an accepted baseline."""
+    """Date and reason of an accepted baseline update."""
 
     date: str
     reason: str
 
 
 class StoredCurve(_Table):
-    """A thinned curve in the layout of `SampledCurve`, with the units of times in the names."""
+    """A thinned curve of a regression baseline, with the units of times in the names."""
 
     signal: str
     unit: str
@@ -84,14 +84,14 @@ class StoredCurve(_Table):
 
     @property
     def curve(self) -> SampledCurve:
-        """The stored curve as a `SampledCurve`, for a comparison."""
+        """Stored curve as a `SampledCurve` for comparison."""
         return SampledCurve(
             self.signal, self.unit, np.array(self.t_s), np.array(self.values), self.tolerance, self.dt_s
         )
 
 
 class Baseline(_Table):
-    """Stored results of an experiment with one drive.
+    """Regression baseline: the stored results of an experiment with one drive.
 
     Attributes:
         twin: version of twin that measured it.
@@ -112,12 +112,12 @@ class Baseline(_Table):
 
 
 def default_baseline_folder() -> Path:
-    """`BASELINE_FOLDER` in the current folder; if missing, the folder shipped with twin."""
+    """Return the folder of the regression baselines: in the current folder, else the one shipped with twin."""
     return BASELINE_FOLDER if BASELINE_FOLDER.is_dir() else PROJECT_FOLDER / BASELINE_FOLDER
 
 
 def baseline_folder_of(file: Path, update: bool) -> Path:
-    """Default folder for the baselines of the experiment in `file`.
+    """Return the default folder for the regression baselines of the experiment in `file`.
 
     This is `BASELINE_FOLDER` in the current folder. In a clone of twin that folder belongs to twin's own experiments,
     whose baselines are tested: the baselines of any other experiment are next to its file.
@@ -135,23 +135,23 @@ def baseline_folder_of(file: Path, update: bool) -> Path:
 
 
 def baseline_file(folder: Path, experiment: str, drive: str) -> Path:
-    """Path of the baseline of an experiment and a drive (a name, or a path to an FMU)."""
+    """Return the path of the regression baseline of an experiment and a drive (name, or path to an FMU)."""
     return folder / experiment / f"{Path(drive).stem}.toml"
 
 
 def stored_experiments(folder: Path) -> list[str]:
-    """Names of the experiments with a baseline in `folder`; other folders, such as the tolerances', are skipped."""
+    """Return the names of the experiments with a regression baseline in a folder."""
     return sorted({file.parent.name for file in folder.glob("*/*.toml")})
 
 
 def stored_drives(folder: Path, experiment: str) -> list[str]:
-    """Names of the drives that `experiment` has a baseline for in `folder`."""
+    """Return the names of the drives with a regression baseline of an experiment in a folder."""
     files = sorted((folder / experiment).glob("*.toml")) if os.path.isdir(folder) else []
     return [read_baseline(file).drive for file in files]
 
 
 def fingerprint(experiment: Experiment) -> str:
-    """Hash of the experiment's values, drives included; a different hash means that results may differ.
+    """Return the hash of an experiment's values, drives included; if it differs, results may differ.
 
     FMU files are left out, because they have hashes of their own.
     """
@@ -166,7 +166,7 @@ def fingerprint(experiment: Experiment) -> str:
 def baseline_of(
     experiment: Experiment, drive: str, now: Measurement, history: Iterable[HistoryEntry], before: Baseline | None
 ) -> Baseline:
-    """Make the baseline of the measurement `now`; bounds marked `keep` in the baseline `before` are preserved."""
+    """Make a new baseline from a measurement; bounds that a user chose in the old baseline are kept."""
     metrics = {}
     for name, metric in now.metrics.items():
         old = before.metrics.get(name) if before else None
@@ -186,7 +186,9 @@ def baseline_of(
 
 
 def known_baseline(folder: Path, experiment: str, drive: str) -> Baseline | None:
-    """Read the baseline of `experiment` with `drive`; None if missing. Drives are distinguished by their file names.
+    """Read the regression baseline of an experiment with a drive; None if missing.
+
+    Drives are distinguished by their file names.
 
     Raises:
         InputRefused: the file is unreadable, not a baseline, or the baseline of another pair.
@@ -205,7 +207,7 @@ def known_baseline(folder: Path, experiment: str, drive: str) -> Baseline | None
 
 
 def read_baseline(file: Path) -> Baseline:
-    """Read and validate the baseline in `file`."""
+    """Read and validate a regression baseline file."""
     try:
         table = read_toml(file)
     except InputRefused as problem:
@@ -218,7 +220,7 @@ def read_baseline(file: Path) -> Baseline:
 
 
 def baseline_text(baseline: Baseline) -> str:
-    """Format `baseline` as TOML, with a line per number."""
+    """Format a regression baseline as TOML, with a line per number."""
     text = tomlkit.document()
     about = f"twin check {baseline.experiment} --drive {baseline.drive}"
     text.add(tomlkit.comment(f"{about}: SI units; a bound with keep = true stays"))
@@ -231,13 +233,13 @@ def baseline_text(baseline: Baseline) -> str:
 
 
 def write_baseline(file: Path, text: str) -> None:
-    """Write the `text` of a baseline to `file`, with its folder."""
+    """Write a regression baseline file, creating its folder."""
     make_folder(file.parent)
     write_text(file, text)
 
 
 def _array(values: Sequence[float]) -> Any:
-    """A TOML array with ten numbers per line."""
+    """Format an array as TOML with ten numbers per line."""
     array = tomlkit.array()
     for start in range(0, len(values), 10):
         array.add_line(*values[start : start + 10], indent="  ")
@@ -246,7 +248,7 @@ def _array(values: Sequence[float]) -> Any:
 
 
 def _thin_curve(curve: SampledCurve) -> StoredCurve:
-    """Thin a curve to `TUBE_POINTS` evenly spread samples with six digits."""
+    """Thin a curve for a baseline to `TUBE_POINTS` evenly spread samples with six digits."""
     chosen = np.unique(np.linspace(0, len(curve.t) - 1, TUBE_POINTS).round().astype(int))
     return StoredCurve(
         signal=curve.signal,
@@ -263,7 +265,7 @@ def _round_digits(value: float, digits: int = 6) -> float:
 
 
 def _drive_facts(drive: dict[str, Any]) -> dict[str, Any]:
-    """Values of a table [drive], or of one of its parts, without FMU paths and without unset later keys."""
+    """Return the values of a drive table that identify a drive, without FMU paths and unset newer keys."""
     keys = {k: v for k, v in drive.items() if k != "fmu" and not (k in _LATER_DRIVE_KEYS and v is None)}
     return keys | (
         {"parts": {name: _drive_facts(part) for name, part in drive["parts"].items()}} if "parts" in drive else {}

@@ -31,7 +31,7 @@ CHECK_JOB = "twin.studies.check.job:check_pairs"
 
 @dataclass(frozen=True)
 class Deviation:
-    """A number or curve that deviates from its baseline; `str` describes it in one sentence."""
+    """A number or curve that deviates from its regression baseline; `str` describes it in one sentence."""
 
     experiment: str
     drive: str
@@ -46,7 +46,7 @@ class Deviation:
 
 
 def check(experiment: str | Path, drive: str | None = None, baselines: str | Path | None = None) -> list[Deviation]:
-    """Run an experiment and compare it with its stored baselines; writes nothing.
+    """Run an experiment and compare it with its stored regression baselines; writes nothing.
 
     Args:
         experiment: its file or name, see `experiment_file`.
@@ -74,13 +74,13 @@ def check(experiment: str | Path, drive: str | None = None, baselines: str | Pat
 
 
 def measure_with_drive(file: Path, drive: str) -> tuple[Experiment, Measurement]:
-    """Run the experiment in `file` with `drive` at every joint and measure it; exceptions as in `check`."""
+    """Run the experiment in `file` with a drive at every joint and measure it."""
     experiment = _load(file, drive)
     return experiment, measure_signals(experiment, run_for_measures(experiment))
 
 
 def stored_baseline(folder: Path, file: Path, drive: str) -> stored.Baseline:
-    """Return the baseline of the experiment in `file` with `drive`, or refuse."""
+    """Return the regression baseline of the experiment in `file` with a drive; refuse if there is none."""
     known = stored.known_baseline(folder, file.stem, drive)
     if known is None:
         # report a misspelt experiment or drive first
@@ -106,7 +106,7 @@ def _no_baseline(folder: Path, file: Path, drive: str) -> str:
 
 @dataclass(frozen=True)
 class Pair:
-    """An experiment's file and a drive, to be checked against the baseline in a folder."""
+    """An experiment and a drive to be checked against their regression baseline."""
 
     file: str
     drive: str
@@ -115,7 +115,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class CheckOutcome:
-    """Outcome of checking one pair.
+    """Outcome of checking one experiment with one drive against its baseline.
 
     Attributes:
         verdict: None if the run could not be measured or compared.
@@ -131,14 +131,14 @@ class CheckOutcome:
 
     @classmethod
     def from_note(cls, note: dict[str, Any]) -> "CheckOutcome":
-        """Rebuild an outcome from the dictionary sent by `check_pairs`."""
+        """Rebuild the outcome of a check from the dictionary that a worker process sent."""
         return TypeAdapter(cls).validate_python(note)
 
 
 def pairs(
     experiments: Sequence[Path], drives: Sequence[str], baselines: Path | None, update: bool = False
 ) -> list[Pair]:
-    """List the pairs to check for `twin check EXPERIMENT... --drive ...`.
+    """List the pairs of experiment and drive to check for a command line of `twin check`.
 
     Args:
         drives: values of --drive; empty for the drives with a baseline, or the experiment's own.
@@ -169,7 +169,7 @@ def pairs(
 
 
 def _file_of(name: str) -> Path:
-    """Find the file of an experiment that has a baseline.
+    """Return the file of an experiment that has a regression baseline.
 
     A deleted file does not stop the other checks; it is reported when its pair is checked.
     """
@@ -178,7 +178,7 @@ def _file_of(name: str) -> Path:
 
 
 def check_pairs(reporter: Any, work: Sequence[Pair], date: str, reason: str) -> None:
-    """Check each pair of `work` as a job of the guard, and send each `CheckOutcome` as a dictionary in a note."""
+    """Check pairs of experiment and drive in a worker process, and send each outcome as a note."""
     for pair in work:
         reporter.loading()
         try:
@@ -207,7 +207,7 @@ def _outcome(pair: Pair, date: str, reason: str) -> CheckOutcome:
 
 
 def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> list[CheckOutcome]:
-    """Check all pairs and return their outcomes in the same order.
+    """Check pairs of experiment and drive in several processes and return their outcomes in order.
 
     Args:
         processes: number of parallel processes; 0 to run in this process, which a crashing drive then ends.
@@ -248,7 +248,7 @@ def _check_share(
     on_outcome: Callable[[dict[str, Any]], None],
     stop: threading.Event,
 ) -> None:
-    """Check `pairs` in a process, and the remaining ones in a new process whenever a drive has ended the last."""
+    """Check some pairs in one process; if a drive ends it, continue with the remaining pairs in a new process."""
     left = list(pairs)
 
     def on_note(note: dict[str, Any]) -> None:

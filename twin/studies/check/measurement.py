@@ -66,7 +66,7 @@ Curve = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Metric:
-    """A measured number.
+    """A measured number of a regression check, with its unit and default bound.
 
     Attributes:
         value: in `unit`, SI.
@@ -84,18 +84,18 @@ class Metric:
 
     @property
     def default_bound(self) -> float:
-        """Default limit for a change of the number: 2 % of the value or scale, at least the floor."""
+        """Default bound for a change of the number: 2 % of the value or scale, at least the floor."""
         return max(BOUND_SHARE * abs(self.value if self.scale is None else self.scale), self.floor)
 
 
 def floor_of(unit: str) -> float:
-    """Floor of a number in `unit`; 0 if only a share counts."""
+    """Return the smallest bound for a number in `unit`; 0 if only a share of the value counts."""
     return UNIT_FLOORS.get(unit, 0.0)
 
 
 @dataclass(frozen=True)
 class Signals:
-    """Signals of a completed run at every tick, under the names used by measures.
+    """Signals of a completed run at every tick, by the names used in [[measure]] tables.
 
     Attributes:
         believed: geometry of the controller's model.
@@ -108,18 +108,18 @@ class Signals:
 
     @property
     def t(self) -> NDArray[np.float64]:
-        """Times of the ticks (s), (n,)."""
+        """Times of the run's ticks (s), (n,)."""
         return self.run.t
 
     def __getitem__(self, signal: str) -> NDArray[np.float64]:
-        """Values (n,) of a signal in the notation of [[measure]]; (n, k) without an index if it has k components."""
+        """Return the values of a signal in the notation of [[measure]]: (n,), or (n, k) for k components."""
         vector, index = split_signal(signal.removeprefix("-"))
         values = self._theta_l if vector == REFERENCE_THETA_L else self.run.held(vector).astype(float, copy=False)
         values = values if index is None else values[:, index]
         return -values if signal.startswith("-") else values
 
     def unit(self, signal: str) -> str:
-        """SI unit of a signal."""
+        """Return the SI unit of a signal."""
         vector, _ = split_signal(signal.removeprefix("-"))
         return "rad" if vector == REFERENCE_THETA_L else self.run.fields()[vector].unit
 
@@ -129,13 +129,13 @@ class Signals:
 
 
 def split_signal(signal: str) -> tuple[str, int | None]:
-    """Split `plant.p_B[2]` into vector and index; the index is None if missing."""
+    """Split a signal such as `plant.p_B[2]` into name and index; the index is None if missing."""
     vector, bracket, index = signal.partition("[")
     return vector, int(index.removesuffix("]")) if bracket else None
 
 
 def run_for_measures(experiment: Experiment) -> Signals:
-    """Run `experiment` in this process and return its signals."""
+    """Run an experiment in this process and return its signals for the measures."""
     run = Trace()
     with assemble(experiment) as assembly:
         refuse_unknown(experiment, assembly.system)
@@ -148,7 +148,7 @@ def run_for_measures(experiment: Experiment) -> Signals:
 
 
 def refuse_unknown(experiment: Experiment, system: System) -> None:
-    """Check that `system` has every signal that a measure of `experiment` uses."""
+    """Refuse a measure of an experiment that uses a signal which the system lacks."""
     fields = fields_of(system)
     sizes = {name: field.size for name, field in fields.items()}
     sizes[REFERENCE_THETA_L] = 3
@@ -172,7 +172,7 @@ def refuse_unknown(experiment: Experiment, system: System) -> None:
 
 
 def _signals(measure: Measure) -> list[tuple[str, str]]:
-    """(key, signal) of every signal that `measure` names."""
+    """Return (key, signal) for every signal that a measure uses."""
     named = [("signal", measure.signal)] if isinstance(measure, SignalMeasure) else []
     return [*named, ("reference", measure.reference)] if isinstance(measure, ReferenceMeasure) else named
 
@@ -182,7 +182,7 @@ Metrics = dict[str, Metric]
 
 @dataclass(frozen=True)
 class SampledCurve:
-    """A curve in the form of a baseline.
+    """A measured curve with the tolerance tube of a baseline.
 
     Attributes:
         t, values: (m,), s and SI.
@@ -200,7 +200,7 @@ class SampledCurve:
 
 @dataclass(frozen=True)
 class Measurement:
-    """Measures of an experiment with one drive.
+    """All measures of an experiment with one drive: numbers and curves.
 
     Attributes:
         metrics: "measure.metric" -> number.
@@ -214,7 +214,7 @@ class Measurement:
 
 
 def measure_signals(experiment: Experiment, signals: Signals) -> Measurement:
-    """Evaluate the measures of `experiment` on the `signals` of its run."""
+    """Evaluate all measures of an experiment on the signals of its run."""
     if not experiment.measures:
         raise InputRefused(f"{experiment.name}: has no [[measure]] tables to check; see docs/regression.md")
     metrics: Metrics = {}
@@ -233,7 +233,7 @@ def measure_signals(experiment: Experiment, signals: Signals) -> Measurement:
 
 
 def metrics_of_measure(measure: measures.Measure, signals: Signals) -> Metrics:
-    """Evaluate one measure of a run; "measure.metric" -> number."""
+    """Evaluate one measure of a run and return its numbers: "measure.metric" -> number."""
     inside = _window_mask(measure, signals)
     if np.count_nonzero(inside) < 2:
         raise InputRefused("fewer than two ticks from begin_s to until_s; measure for longer")
@@ -372,7 +372,7 @@ def _requirement_metrics(measure: measures.RequirementMeasure, signals: Signals,
 
 
 def _rounding_range(values: Curve) -> float:
-    """Maximum range of `values` that counts as constant."""
+    """Return the largest range of values that counts as constant, because rounding explains it."""
     return 1e-9 * float(np.max(np.abs(values)))
 
 

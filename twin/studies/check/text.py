@@ -29,7 +29,7 @@ MAX_SHOWN = 5
 
 
 def check_result(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> Result:
-    """Report of the checks, answer first: every number of a single check, only the deviations of several."""
+    """Return the report of regression checks: every number of a single check, only the deviations of several."""
     parts: list[Block] = []
     shown = verdicts if len(verdicts) == 1 else [verdict for verdict in verdicts if verdict.deviations]
     shown = [verdict for verdict in shown if len(verdicts) == 1 or not _is_new(verdict)]
@@ -75,13 +75,13 @@ def _answer(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> str:
 
 
 def _words(verdicts: Sequence[CheckVerdict]) -> str:
-    """Counts of the verdicts, such as `3 worse, 1 outside`."""
+    """Return the counts of all verdicts as text, such as `3 worse, 1 outside`."""
     words = Counter(row.word for verdict in verdicts for row in verdict.deviations)
     return ", ".join(f"{count} {word}" for word, count in words.most_common())
 
 
 def _is_new(verdict: CheckVerdict) -> bool:
-    """Whether the check had no baseline."""
+    """Whether a check had no baseline to compare with."""
     return all(row.word == "new" for row in verdict.rows)
 
 
@@ -104,7 +104,7 @@ def _label_lines(label: str, text: str) -> list[Note]:
 
 
 def check_pictures(verdicts: Sequence[CheckVerdict], folder: Path) -> list[Path]:
-    """Draw the first `MAX_SHOWN` verdicts with curves outside their tubes to PNG files in `folder`, returned."""
+    """Draw the first `MAX_SHOWN` checks with curves outside their tubes to PNG files; return their paths."""
     drawn = []
     make_folder(folder)
     for verdict in [verdict for verdict in verdicts if verdict.outside][:MAX_SHOWN]:

@@ -23,7 +23,7 @@ Word = Literal["ok", "worse", "better", "moved", "new", "gone", "outside"]
 
 @dataclass(frozen=True)
 class CheckRow:
-    """Comparison of one number or one tube.
+    """Comparison of one measured number or curve with its baseline.
 
     Attributes:
         name: "measure.metric", or "measure.tube".
@@ -43,7 +43,9 @@ class CheckRow:
 
 @dataclass(frozen=True)
 class TubeDeparture:
-    """A curve that leaves its tube, at the instants t (s) of the tube, (n,); in `unit`, NaN if it has no value.
+    """A curve that leaves the tube around its baseline, at the tube's instants t (s), (n,).
+
+    Its values are in `unit`, NaN where it has no value.
 
     Attributes:
         before: the baseline.
@@ -62,7 +64,7 @@ class TubeDeparture:
 
 @dataclass(frozen=True)
 class CheckVerdict:
-    """Comparison of an experiment with one drive with its baseline.
+    """Comparison of a measurement, of an experiment with one drive, with its baseline.
 
     Attributes:
         notes: other changes, one sentence each.
@@ -81,7 +83,7 @@ class CheckVerdict:
 
 
 def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: Measurement) -> CheckVerdict:
-    """Compare `now` with `baseline`; everything is new if the baseline is None.
+    """Compare a measurement with its baseline; everything is new if the baseline is None.
 
     A changed experiment or FMU is compared all the same, with a note, because baselines exist for that. A number with a
     changed unit counts as another number: the old one is gone.
@@ -133,7 +135,7 @@ def _direction(metric: Metric, before: float) -> Word:
 
 
 def _tube_row(name: str, tube: SampledCurve, curve: SampledCurve) -> tuple[CheckRow, TubeDeparture]:
-    """Compare a curve at the instants of the baseline, where the thinned curve is exact."""
+    """Compare a curve with the tube around its baseline, at the instants of the baseline."""
     # times in a baseline are rounded, so its ends may differ slightly from the first and last tick
     inside = window_mask(tube.t, curve.t[0], curve.t[-1])
     y = np.where(inside, np.interp(tube.t, curve.t, curve.values), np.nan)

@@ -36,7 +36,7 @@ NO_ALIGNMENT = Alignment()
 def read_logs(
     a: Path, b: Path, maps: Sequence[str] = (), part: tuple[float | None, float | None] = (None, None)
 ) -> tuple[Log, Log]:
-    """Read the logs in `a` and `b`.
+    """Read the two logs to compare.
 
     Names in a CSV file may refer to signals of the other log, see `read_csv`; `part` is the compared time span (start,
     end) in s.
@@ -53,7 +53,7 @@ def read_logs(
 
 
 def experiments_differ(a: Path, b: Path) -> Differences | None:
-    """Compare the experiments of two runs: key -> (value in A, value in B).
+    """Return the differences between the experiments of two recorded runs: key -> (value in A, value in B).
 
     None if either file records no experiment.
     """
@@ -99,19 +99,19 @@ class Comparison:
 
     @property
     def outside_rows(self) -> tuple[SignalRow, ...]:
-        """Signals that leave their tube, in the order of their first departure."""
+        """Signals that leave their tolerance tube, in the order of their first departure."""
         left = [row for row in self.rows if row.first_exit]
         return tuple(sorted(left, key=lambda row: row.first_exit.t if row.first_exit else 0.0))
 
     @property
     def least_coverage(self) -> tuple[str, float]:
-        """The signal with the lowest coverage by b, and the covered share of a's time."""
+        """The signal of the first log that the second log covers least, and the covered share of its time."""
         shares = [(row.signal, row.covered) for row in self.rows] + [(name, 0.0) for name in self.disjoint]
         return min(shares, key=lambda share: share[1])
 
     @property
     def is_inside(self) -> bool:
-        """Whether every signal stays in its tube."""
+        """Whether every compared signal stays in its tolerance tube."""
         return not self.outside_rows
 
     JSON_KEYS = "a b identical inside=is_inside covered=least_coverage.1 shift=shift.seconds rows only_a only_b notes"
@@ -124,7 +124,7 @@ def compare_logs(
     signals: Sequence[str] = (),
     how: Alignment = NO_ALIGNMENT,
 ) -> Comparison:
-    """Compare `b` with the reference `a`, signal by signal.
+    """Compare a log with a reference log, signal by signal, within tolerance tubes.
 
     Values are compared at the samples of the log with the lower rate, in the time that both cover and outside of the
     gaps of both; the other log is interpolated linearly there, never beyond its ends.

@@ -20,7 +20,10 @@ A_COLOUR, B_COLOUR, OUT_COLOUR = PAPER_BLUE, PAPER_ORANGE, "#b3261e"
 
 
 def draw_comparison(comparison: Comparison, path: Path) -> None:
-    """Draw at most `MAX_CURVES` of the worst signals to `path` (PNG), each of several equal signals once."""
+    """Draw the worst signals of a comparison of two logs to `path` (PNG), at most `MAX_CURVES`.
+
+    Each of several equal signals is drawn once.
+    """
     rows = distinct_signals(comparison)[:MAX_CURVES]
     columns = 1 if len(rows) == 1 else 2
     deep = -(-len(rows) // columns)
@@ -40,7 +43,7 @@ def draw_comparison(comparison: Comparison, path: Path) -> None:
 
 
 def distinct_signals(comparison: Comparison) -> list[tuple[SignalRow, list[str]]]:
-    """Group signals, worst first, with later signals that look the same in both logs: one force has many names."""
+    """Group compared signals, worst first, with later ones that look the same: one force has many names."""
     found: list[tuple[SignalRow, list[str]]] = []
     for row in comparison.rows:
         first = next((one for one in found[:MAX_CURVES] if _same(comparison, one[0], row)), None)
@@ -52,7 +55,7 @@ def distinct_signals(comparison: Comparison) -> list[tuple[SignalRow, list[str]]
 
 
 def _same(comparison: Comparison, one: SignalRow, other: SignalRow) -> bool:
-    """Whether two signals look the same in A and in B, up to the sign and `SAME_CURVE_SHARE` of their range."""
+    """Whether two signals look the same in both logs, up to the sign and a small share of their range."""
     if one.unit != other.unit:
         return False
     here, there = comparison.curves[one.signal], comparison.curves[other.signal]
@@ -85,12 +88,12 @@ def _draw(above: Axes, below: Axes, row: SignalRow, curves: TubeCurves) -> None:
 
 
 def _tail(path: Path) -> str:
-    """The last three parts of `path`, which distinguish files."""
+    """Return the last three parts of a path, which distinguish files in a picture."""
     return "/".join(path.parts[-3:])
 
 
 def _with_breaks(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Insert a time into the middle of each gap, to break drawn lines; return the times and the inserted indices."""
+    """Insert a time into each gap of a log's times, to break drawn lines; return times and inserted indices."""
     gaps = sampling(t).gaps if len(t) > 1 else np.empty((0, 2))
     apart = np.searchsorted(t, gaps[:, 1])
     return np.insert(t, apart, gaps.mean(axis=1)), apart

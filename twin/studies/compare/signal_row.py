@@ -15,7 +15,7 @@ lost sample leaves no hole.
 
 @dataclass(frozen=True)
 class Exit:
-    """A value outside of the tube: time (s), value and bounds at that time."""
+    """First value of a signal outside its tolerance tube: time (s), value, and bounds at that time."""
 
     t: float
     value: float
@@ -25,7 +25,9 @@ class Exit:
 
 @dataclass(frozen=True)
 class SignalRow:
-    """Comparison of one signal in SI units; errors are the second log's value less the first's, at the same time.
+    """Comparison of one signal of two logs, SI: its errors and its departure from the tolerance tube.
+
+    Errors are the second log's value less the first's, at the same time.
 
     Attributes:
         covered: share of the reference's time with values of the second log; see `coverage`.
@@ -54,7 +56,7 @@ class SignalRow:
 
 @dataclass(frozen=True)
 class TubeCurves:
-    """The curves of a row: instants t (s), the values of both logs, the reach and the tube, all (n,)."""
+    """Curves of one compared signal: instants t (s), values of both logs, reach and tolerance tube, all (n,)."""
 
     t: Curve
     a: Curve
@@ -64,7 +66,10 @@ class TubeCurves:
 
 
 def tube_curves(ours: LogSeries, theirs: LogSeries, allowed: Allowance) -> TubeCurves:
-    """Evaluate both signals and the tube at the samples of the sparser signal, without gaps; n may be 0."""
+    """Evaluate both logs' signal and its tolerance tube at the samples of the sparser log, outside of gaps.
+
+    n may be 0.
+    """
     start, end = max(ours.t[0], theirs.t[0]), min(ours.t[-1], theirs.t[-1])
     count = [np.sum((series.t >= start) & (series.t <= end)) for series in (ours, theirs)]
     t = ours.t if count[0] <= count[1] else theirs.t
@@ -82,7 +87,7 @@ def tube_curves(ours: LogSeries, theirs: LogSeries, allowed: Allowance) -> TubeC
 def signal_row(
     signal: str, ours: LogSeries, theirs: LogSeries, allowed: Allowance, found: TubeCurves, span: float
 ) -> SignalRow:
-    """Summarise `found`, which has at least one instant, as a row."""
+    """Summarise the comparison of one signal, which has at least one common instant."""
     error = found.b - found.a
     # a NaN counts as an infinite error
     size = np.where(np.isfinite(error), np.abs(error), np.inf)
@@ -114,7 +119,7 @@ def signal_row(
 
 
 def coverage(ours: LogSeries, theirs: LogSeries) -> float:
-    """Share of the time of `ours` that `theirs` covers, 0 .. 1; exactly 1 if it covers all.
+    """Return the share (0 .. 1) of one log signal's time that the other log's signal covers.
 
     A sampled signal begins up to a period after its source and ends up to a period before it, so a period of the
     coarser signal is tolerated at either end. Gaps of more than one lost sample count as holes, except where `ours` has

@@ -14,7 +14,7 @@ PAPER_FIGURES = ("fig4", "fig5")
 
 
 def _print_latest(asked: ArgumentValues) -> dict[str, Any]:
-    """Print the runs that are read, also if the command line names no run; see `print_latest`."""
+    """Print which runs the comparison reads as the latest, also if the command line names no run."""
     if asked["paper"] is not None and not asked["runs"]:
         from twin.studies.paper.study import FIGURE_EXPERIMENTS
         from twin.studies.paper.study import RESULTS_FOLDER as RESULTS

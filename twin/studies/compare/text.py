@@ -30,7 +30,7 @@ DISPLAY_UNITS = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "rad": ("deg", math.deg
 
 
 def differences_lines(differences: Differences | None) -> list[Note | str]:
-    """Lines about the differences between the experiments, for the end of a report; empty if these are unknown."""
+    """Return the lines of a comparison's report about differences between the experiments; empty if unknown."""
     if differences is None:
         return []
     if not differences:
@@ -45,7 +45,7 @@ def differences_lines(differences: Differences | None) -> list[Note | str]:
 
 
 def comparison_result(comparison: Comparison, partial: bool = False, differences: Differences | None = None) -> Result:
-    """Report of a comparison: answer, files, signals worst first, differences of the experiments."""
+    """Return the report of a comparison: answer, files, signals worst first, differences of the experiments."""
     covered = partial or comparison.least_coverage[1] == 1.0
     parts = [
         f"  A  {comparison.a}",
@@ -62,7 +62,7 @@ def comparison_result(comparison: Comparison, partial: bool = False, differences
 
 
 def display_unit(unit: str) -> tuple[str, float]:
-    """Displayed unit for an SI unit, and the factor to it."""
+    """Return the displayed unit for an SI unit, and the factor to it."""
     return DISPLAY_UNITS.get(unit, (unit, 1.0))
 
 

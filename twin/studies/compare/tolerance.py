@@ -46,12 +46,12 @@ MAX_SHIFTS = 500
 
 
 class ComparisonError(InputRefused):
-    """Two logs or their tolerances are incompatible; the message has the found, the expected, and the remedy."""
+    """Error for two logs or tolerances that are incompatible; the message has found, expected and remedy."""
 
 
 @dataclass(frozen=True)
 class Rule:
-    """Tolerance for the signals that match a pattern.
+    """Tolerance rule of a comparison, for the signals that match a pattern.
 
     Attributes:
         pattern: name with * and ?; a vector's name without index matches its components.
@@ -66,7 +66,7 @@ class Rule:
     dt: float | None = None
 
     def fits(self, signal: str) -> bool:
-        """Whether the rule applies to `signal`."""
+        """Whether the tolerance rule applies to a signal."""
         return matches(self.pattern, signal)
 
 
@@ -76,21 +76,21 @@ DEFAULT_RULE = Rule("*", 0.02, None, 0.004)
 
 @dataclass(frozen=True)
 class Allowance:
-    """Tolerance of one signal: half widths of its tube in value (SI) and in time (s)."""
+    """Tolerance of one compared signal: half widths of its tube in value (SI) and in time (s)."""
 
     value: float
     dt: float
 
 
 def matches(pattern: str, signal: str) -> bool:
-    """Whether `signal`, or the vector that contains it, matches `pattern` with * and ?."""
+    """Whether a signal, or the vector that contains it, matches a pattern with * and ?."""
     # brackets are indices, not character classes
     literal = pattern.replace("[", "[[]")
     return fnmatchcase(signal, literal) or fnmatchcase(signal.partition("[")[0], literal)
 
 
 def rules(entries: Sequence[str | Path]) -> tuple[Rule, ...]:
-    """Parse the tolerance rules of the texts and TOML files in `entries`, in their order."""
+    """Parse tolerance rules, given as texts or TOML files, in their order."""
     found: list[Rule] = []
     mistakes: list[str] = []
     for entry in entries:
@@ -107,7 +107,7 @@ def rules(entries: Sequence[str | Path]) -> tuple[Rule, ...]:
 
 
 def allowance(signal: str, unit: Unit, span: float, magnitude: float, given: Iterable[Rule]) -> Allowance:
-    """Evaluate `DEFAULT_RULE` and the `given` rules for `signal`; the last matching rule wins.
+    """Return the tolerance of one signal from the default rule and the given rules; the last matching rule wins.
 
     Args:
         span: range of the reference, for a component of a vector the range of the widest component (SI).
@@ -133,7 +133,10 @@ def allowance(signal: str, unit: Unit, span: float, magnitude: float, given: Ite
 
 
 def _table(path: Path, mistakes: list[str]) -> dict[str, object]:
-    """Rules `"controller.F_z" = TEXT` of a TOML file; nested tables due to unquoted dots in names are flattened."""
+    """Return the tolerance rules `"controller.F_z" = TEXT` of a TOML file.
+
+    Nested tables, due to unquoted dots in names, are flattened.
+    """
     try:
         content = read_toml(path)
     except InputRefused as problem:
@@ -180,23 +183,26 @@ def _add(found: list[Rule], mistakes: list[str], where: str, pattern: str, text:
 
 
 class Tube(NamedTuple):
-    """Lower and upper bound at the compared times, (n,)."""
+    """Tolerance tube: lower and upper bound of a signal at the compared times, (n,)."""
 
     lower: Curve
     upper: Curve
 
     def widen(self, tolerance: float) -> "Tube":
-        """Return the tube extended by `tolerance` below and above."""
+        """Return the tube widened by `tolerance` below and above."""
         return Tube(self.lower - tolerance, self.upper + tolerance)
 
     def excess(self, values: Curve) -> Curve:
-        """Distance of values (n,) from the tube: positive above, negative below, 0 inside; infinite if not a number."""
+        """Return the distance of values (n,) from the tube: positive above, negative below, 0 inside.
+
+        It is infinite for values that are not numbers.
+        """
         above, below = np.maximum(values - self.upper, 0.0), np.minimum(values - self.lower, 0.0)
         return np.where(np.isfinite(above + below), above + below, np.inf)
 
 
 def reach(t: Curve, values: Curve, at: Curve, dt: float) -> Tube:
-    """Compute the range of the reference (t, values) within dt of the times `at`.
+    """Compute the smallest and largest value of a reference curve within `dt` of each time in `at`.
 
     Args:
         t, values: samples of the reference, (n,); t strictly ascending (s).
@@ -216,7 +222,7 @@ def reach(t: Curve, values: Curve, at: Curve, dt: float) -> Tube:
 
 
 def _least(values: Curve, first: NDArray[np.intp], last: NDArray[np.intp]) -> Curve:
-    """Compute min(values[first[i]:last[i]]) for each i, infinity if that is empty.
+    """Compute the minimum of `values` in many index windows, infinity for an empty window.
 
     Uses a sparse table: level k has the minima of all windows of 2^k samples, and two of them cover any window (Bender
     and Farach-Colton, The LCA problem revisited, 2000, section 3).
@@ -233,7 +239,7 @@ def _least(values: Curve, first: NDArray[np.intp], last: NDArray[np.intp]) -> Cu
 
 
 class Alignment(NamedTuple):
-    """Method of time alignment.
+    """Method that aligns the times of two logs.
 
     Attributes:
         kind: `none`: both count from the same instant. `start`: the first samples are the same instant. `event`:
@@ -249,14 +255,14 @@ class Alignment(NamedTuple):
 
 
 class TimeShift(NamedTuple):
-    """Time to add to the second log (s), and a note if the result is doubtful."""
+    """Time to add to the second log (s) for alignment, and a note if the result is doubtful."""
 
     seconds: float = 0.0
     note: str = ""
 
 
 def alignment(kind: str, signal: str = "", max_shift: float = 1.0) -> Alignment:
-    """Parse `--align kind --by signal --max-shift`."""
+    """Convert the options --align, --by and --max-shift to a method of time alignment."""
     if kind not in get_args(Kind):
         raise ComparisonError(f"--align {kind}: expected one of {', '.join(get_args(Kind))}")
     if kind in ("event", "fit") and not signal:
@@ -267,7 +273,7 @@ def alignment(kind: str, signal: str = "", max_shift: float = 1.0) -> Alignment:
 
 
 def time_shift(a: Log, b: Log, how: Alignment) -> TimeShift:
-    """Compute the time shift that aligns `b` with `a`."""
+    """Compute the time shift that aligns the second log with the first."""
     if how.kind == "none":
         return TimeShift()
     if how.kind == "start":
@@ -295,7 +301,10 @@ def _event_shift(a: Log, b: Log, signal: str) -> TimeShift:
 
 
 def _best_shift(ours: LogSeries, theirs: LogSeries, limit: float) -> TimeShift:
-    """Find the best shift of a grid, then refine it; a grid, because the rms may have several minima."""
+    """Find the time shift with the least rms difference of two signals, on a grid that is then refined.
+
+    A grid, because the rms may have several minima.
+    """
     # imported here, because scipy loads slowly
     from scipy.optimize import minimize_scalar
 
@@ -328,7 +337,7 @@ def _best_shift(ours: LogSeries, theirs: LogSeries, limit: float) -> TimeShift:
 
 
 def common_units(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) -> dict[str, Unit]:
-    """Names of the signals to compare, with their units.
+    """Return the signals that both logs have and that are to be compared, with their units.
 
     Args:
         signals: patterns; empty for all common signals.
@@ -362,7 +371,7 @@ def common_units(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) 
 
 
 def signal_ranges(a: Log) -> dict[str, float]:
-    """Range of each signal; for a vector the range of its widest component.
+    """Return the range of each signal; for a vector's components the range of the widest one.
 
     A component that is only noise has no scale of its own.
     """
@@ -375,7 +384,7 @@ def signal_ranges(a: Log) -> dict[str, float]:
 
 
 def no_overlap(a: Log, b: Log, name: str, seconds: float) -> str:
-    """Error message for logs without common instants after `seconds` were added to the times of `b`."""
+    """Return the error message for two logs without common instants after alignment."""
     ours, theirs = a[name].t, b[name].t + seconds
     ends = f"{a.path} has {ours[0]:.6g} .. {ours[-1]:.6g} s, {b.path} has {theirs[0]:.6g} .. {theirs[-1]:.6g} s"
     return f"no instants in common: {ends}; align them with --align start, or event or fit with --by SIGNAL"
@@ -387,7 +396,7 @@ def _nearest(pattern: str, names: Sequence[str]) -> str:
 
 
 def _nothing_in_common(a: Log, b: Log) -> str:
-    """Error message that suggests e.g. `controller.F_z` of one log for `F_z` of the other."""
+    """Return the error message for two logs without common signal names, with suggested pairs of names."""
     for log, other in ((b, a), (a, b)):
         for name in log.series:
             meant = [n for n in other.series if re.split(r"[./]", n)[-1] == name]
@@ -399,7 +408,7 @@ def _nothing_in_common(a: Log, b: Log) -> str:
 
 
 def some_signals(names: Iterable[str], most: int) -> str:
-    """Join at most `most` of the signal names as text; elements of an array count as one."""
+    """Join at most `most` signal names as text; elements of an array count as one."""
     return join_names(list(dict.fromkeys(name.partition("[")[0] for name in names)), most)
 
 

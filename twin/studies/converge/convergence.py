@@ -29,7 +29,10 @@ TICK_SHARES = (2.0, 1.0, 0.5, 0.25, 0.125)
 
 @dataclass(frozen=True)
 class TickPoint:
-    """One run: tick (s), largest error by signal (SI; infinite if it failed), wall time per simulated time."""
+    """One run of a coupling study: tick (s), largest error of each signal, wall time per simulated time.
+
+    The errors are SI, infinite if the run failed.
+    """
 
     tick: float
     errors: dict[str, float]
@@ -40,7 +43,7 @@ class TickPoint:
 
 @dataclass(frozen=True)
 class CouplingSeries:
-    """The runs of one coupling, from the longest tick to the shortest.
+    """The runs of one coupling of drives and plant, from the longest tick to the shortest.
 
     Attributes:
         residuals: power residuals of the three joints at the experiment's own tick; empty if that run failed.
@@ -56,7 +59,7 @@ class CouplingSeries:
 
 @dataclass(frozen=True)
 class CouplingChoice:
-    """A coupling and a tick that keep the force within the tolerance."""
+    """The recommended coupling and tick, which keep the force within the tolerance."""
 
     coupling: Coupling
     point: TickPoint
@@ -66,7 +69,7 @@ class CouplingChoice:
 
 @dataclass(frozen=True)
 class CouplingStudy:
-    """Result of a coupling study.
+    """Result of a coupling study: errors of each coupling over the tick, and the recommended one.
 
     Attributes:
         duration, tick: simulated duration and tick (s).
@@ -95,7 +98,7 @@ class CouplingStudy:
 
     @property
     def judged_signal(self) -> Signal:
-        """The judged signal: the force; the position if the robot never presses, since the force is then exact."""
+        """The decisive signal of a coupling study: the force, or the position if the robot never presses."""
         return FORCE_SIGNAL if self.reference.is_pressing else POSITION_SIGNAL
 
 
@@ -106,7 +109,7 @@ def convergence(
     smooth: bool = False,
     say: Say = ignore_progress,
 ) -> CouplingStudy:
-    """Run `experiment` with every coupling at every tick, and recommend one within the tolerance.
+    """Run an experiment with every coupling at every tick, and recommend one within the tolerance.
 
     Args:
         tolerance: tolerance of the pressing force (N).
@@ -147,7 +150,7 @@ def convergence(
 
 
 def recommend_coupling(series: list[CouplingSeries], tolerance: float) -> CouplingChoice | None:
-    """Find the longest tick that keeps the force within `tolerance` (N), and the simplest coupling that does.
+    """Find the longest tick that keeps the force within the tolerance, and the simplest coupling that does.
 
     Every shorter tick must comply, too: an error that is small at one tick only is a coincidence. Couplings are in the
     order of their simplicity, which is also the order of their cost; unlike measured times, it is the same on every

@@ -8,7 +8,7 @@ from twin.robot.experiment.experiment import Experiment, with_cosim
 
 @dataclass(frozen=True)
 class Coupling:
-    """Scheme, inputs and iterations of `twin.kernel.cosim.system.System`."""
+    """A coupling of drives and plant: scheme, input mode and iterations of the co-simulation."""
 
     scheme: Scheme
     inputs: Inputs
@@ -22,11 +22,11 @@ class Coupling:
 
     @property
     def expected_order(self) -> int:
-        """Order of the error for smooth signals: 1 for held inputs, 2 for linear ones."""
+        """Expected order of the coupling error for smooth signals: 1 for held inputs, 2 for linear ones."""
         return 1 if self.inputs == "hold" else 2
 
     def apply_to(self, experiment: Experiment, tick: float) -> Experiment:
-        """Return `experiment` with this coupling at `tick` (s)."""
+        """Return the experiment with this coupling at `tick` (s)."""
         return with_cosim(experiment, tick=tick, scheme=self.scheme, inputs=self.inputs, iterations=self.iterations)
 
 

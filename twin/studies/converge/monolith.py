@@ -46,7 +46,7 @@ RTOL, ATOL = 1e-9, np.array([1e-10] * 12 + [1e-8] * 2)
 
 
 class ComponentStepper:
-    """A component evaluated outside any system, from all its inputs to all its outputs.
+    """A component that is evaluated outside any system, from all its inputs to all its outputs.
 
     A call raises `ValueError` for a wrong number of inputs, `ComponentFailed` for a bad status.
     """
@@ -70,7 +70,7 @@ class ComponentStepper:
     def outputs_by_port(
         self, u: NDArray[np.float64] | Mapping[str, NDArray[np.float64]], t: float = 0.0, h: float = 2e-3
     ) -> dict[str, NDArray[np.float64]]:
-        """Step the component and return its outputs by port; `u` has all inputs, or is a mapping by port.
+        """Step the component once and return its outputs by port.
 
         A mapping may have other entries.
         """
@@ -94,7 +94,9 @@ def _derive(m):
 
 
 class CoupledEquations:
-    """Derivative of the state x = (theta_m (3), omega_m (3), the plant's state (8)), SI, with the surface at rest.
+    """Drives and plant as one differential equation, with the surface at rest.
+
+    The state is x = (theta_m (3), omega_m (3), the plant's state (8)), SI.
 
     Args:
         T_m, droop: time constant (s) and droop (rad/s per N m) of each drive, (3,) each.
@@ -104,7 +106,7 @@ class CoupledEquations:
         self._memory = memory_of(_EQUATIONS_RECORD, parameters=tuple(parameters), T_m=T_m, droop=droop)
 
     def derivative(self, omega_ref: ArrayLike, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """dx/dt (14,) with the command `omega_ref` (3,) in rad/s."""
+        """Return dx/dt (14,) of drives and plant with the command `omega_ref` (3,) in rad/s."""
         m = self._memory
         m["omega_ref"], m["theta_m"], m["omega_m"], m["x"], m["anchors"] = (
             omega_ref,
@@ -119,7 +121,7 @@ class CoupledEquations:
 
 @dataclass(frozen=True)
 class Servos:
-    """The drives' constants of `CoupledEquations`, and the limits of their validity; (3,) each.
+    """Constants of three drives with known equations, and the limits of these equations; (3,) each.
 
     Attributes:
         T_m: time constant (s).
@@ -139,7 +141,7 @@ class Servos:
 
 
 def servos(plans: tuple[DrivePlan, ...]) -> Servos | None:
-    """Constants of the drives if their equations are known (velocity_servo.fmu, ideal_velocity.fmu), else None."""
+    """Return the constants of drives whose equations are known (velocity_servo, ideal_velocity), else None."""
     found: list[tuple[float, ...]] = []
     for plan in plans:
         fmu, table = plan.parts.get(ONLY_PART), plan.table
@@ -157,7 +159,10 @@ def servos(plans: tuple[DrivePlan, ...]) -> Servos | None:
 
 
 def has_monolithic_form(experiment: Experiment) -> bool:
-    """Whether `monolithic_rows` supports the experiment: no motion, change, delay, noise, monitor, dry friction."""
+    """Whether an experiment can be run as one differential equation.
+
+    It must have no motion, change, delay, noise, monitor or dry friction.
+    """
     return not (
         experiment.tasks
         or experiment.faults
@@ -178,7 +183,7 @@ def has_monolithic_form(experiment: Experiment) -> bool:
 def monolithic_rows(
     experiment: Experiment, drives: Servos, rtol: float = RTOL, atol: NDArray[np.float64] = ATOL
 ) -> dict[str, NDArray[np.float64]]:
-    """Run `experiment`, which must satisfy `has_monolithic_form`, as one differential equation.
+    """Run an experiment as one differential equation, without any coupling error.
 
     Args:
         experiment: its [cosim] scheme has no effect.
@@ -217,7 +222,7 @@ def monolithic_rows(
 
 
 def within_limits(rows: dict[str, NDArray[np.float64]], drives: Servos) -> bool:
-    """Whether the servos stayed within the limits of `CoupledEquations` at every tick of the controller.
+    """Whether the servos of a run stayed within the validity limits of their equations.
 
     Acceleration and torque are largest there: between two commands a servo only relaxes.
     """

@@ -15,7 +15,7 @@ MIN_SLOPE = 0.5
 
 
 class OrderFinding(StrEnum):
-    """Reliability of an observed order."""
+    """Reliability of an observed order of convergence."""
 
     SMOOTH = "smooth"
     NOT_SMOOTH = "not smooth"
@@ -26,14 +26,17 @@ class OrderFinding(StrEnum):
 
 @dataclass(frozen=True)
 class Order:
-    """p in error = C tick^p; `slope` is None if it is meaningless, and `finding` has the reason."""
+    """Observed order of convergence p in error = C tick^p.
+
+    `slope` is None if it is meaningless, and `finding` has the reason.
+    """
 
     slope: float | None
     finding: OrderFinding
 
 
 def observed_order(ticks: ArrayLike, errors: ArrayLike, floor: float) -> Order:
-    """Fit the order by least squares in log-log over the errors that are due to the coupling.
+    """Fit the order of convergence by least squares in log-log over the errors that the coupling causes.
 
     Args:
         ticks: s, (n,).

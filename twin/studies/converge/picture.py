@@ -14,7 +14,7 @@ CURVE_STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (PINK, "D"), (SKY, "v"
 
 
 def draw_convergence(study: CouplingStudy, path: Path) -> None:
-    """Draw the coupling study to `path` (PNG)."""
+    """Draw the errors of a coupling study over tick and computing time to `path` (PNG)."""
     from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
     with picture(path, 11, 5.6) as figure:
@@ -45,7 +45,7 @@ def draw_convergence(study: CouplingStudy, path: Path) -> None:
 
 
 def _draw_tolerance(by_tick: Axes, by_cost: Axes, study: CouplingStudy) -> None:
-    """Draw the tolerance of the force and mark the recommended run."""
+    """Draw the tolerance of the force and mark the recommended run of a coupling study."""
     limit = FORCE_SIGNAL.scale * study.tolerance
     for axes in (by_tick, by_cost):
         axes.axhline(limit, color=RED, lw=1.0, ls="--")
@@ -68,7 +68,7 @@ def _label(one: CouplingSeries, signal: Signal) -> str:
 
 
 def _draw_slopes(axes: Axes, study: CouplingStudy) -> None:
-    """Draw lines of slope 1 and 2 at twice the largest error of each kind of input."""
+    """Draw lines of slope 1 and 2 at twice the largest error, for held and linear inputs."""
     signal = study.judged_signal
     for order in (1, 2):
         series = [one for one in study.series if one.coupling.expected_order == order]

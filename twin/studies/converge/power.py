@@ -19,7 +19,7 @@ from twin.robot.run.trace import Trace
 
 @dataclass(frozen=True)
 class PowerResidual:
-    """Energy balance of one joint over a run.
+    """Energy that a coupling creates numerically at one joint over a run.
 
     Attributes:
         mean: mean residual power (W), signed.
@@ -37,7 +37,7 @@ class PowerResidual:
 
 
 def power_residuals(experiment: Experiment) -> tuple[PowerResidual, PowerResidual, PowerResidual]:
-    """Run `experiment` in this process and balance the energy of drives and springs, joint by joint."""
+    """Run an experiment in this process and balance the energy of drives and springs, joint by joint."""
     with assemble(experiment) as assembly:
         W_drive, W_spring = _work(experiment, assembly)
     created, h = W_spring - W_drive, experiment.cosim.tick
@@ -54,7 +54,7 @@ def power_residuals(experiment: Experiment) -> tuple[PowerResidual, PowerResidua
 
 
 class _Inputs(Observer):
-    """Observer of the inputs of drives and plant; it sees the last step of a slice, so slices must be one tick.
+    """Observer of the inputs of drives and plant in each step; slices must be one tick long.
 
     Attributes:
         load: load of the drives, (ticks, 3) N m.
@@ -81,7 +81,7 @@ class _Inputs(Observer):
 
 
 def _work(experiment: Experiment, assembly: Assembly) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute W_drive and W_spring of each step and joint, (ticks, 3) each (J)."""
+    """Compute the work of drives and springs in each step and joint, (ticks, 3) each (J)."""
     run, inputs, p = Trace(), _Inputs(), plant_parameters(experiment.plant, experiment.contact)
     simulate(assembly, experiment.duration_ticks, [run, inputs], slice_ticks=1).require_success()
     tau_load, theta_l = run["plant.tau_load"], run["plant.theta_l"][:-1]

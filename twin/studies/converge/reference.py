@@ -17,7 +17,7 @@ FINE_STEPS = 32
 
 @dataclass(frozen=True)
 class ReferenceRun:
-    """A reference run: samples at the controller's ticks, their accuracy (`floor`) by signal, and their origin."""
+    """Reference run of a coupling study: samples at the controller's ticks, accuracy by signal, origin."""
 
     samples: Samples
     floor: dict[str, float]
@@ -25,12 +25,12 @@ class ReferenceRun:
 
     @property
     def is_pressing(self) -> bool:
-        """Whether the robot ever presses."""
+        """Whether the robot ever presses in the reference run."""
         return bool(np.any(self.samples[FORCE_SIGNAL.name]))
 
 
 def reference_of(experiment: Experiment) -> ReferenceRun:
-    """Make the reference: monolithic if the drives' equations are known, else the finest co-simulation."""
+    """Run the reference of a coupling study: one differential equation if possible, else the finest co-simulation."""
     with assemble(experiment) as assembly:
         drives = servos(assembly.drives)
     why = "no equations of this drive are known here"
@@ -52,7 +52,7 @@ def reference_of(experiment: Experiment) -> ReferenceRun:
 
 
 def _solver_floor(experiment: Experiment) -> dict[str, float]:
-    """The solver's tolerance of positions (m) and angles (rad), and its effect on force and torque."""
+    """Return the accuracy of the reference's solver: for positions (m), angles (rad), force and torque."""
     tolerance = float(np.min(ATOL))
     p = plant_parameters(experiment.plant, experiment.contact)
     # upper bound: bristle and surface in series respond to an error of the position

@@ -16,7 +16,7 @@ Samples = dict[str, NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Signal:
-    """A compared signal: name as in recordings, displayed unit, and number of these units per SI unit (`scale`)."""
+    """A compared signal of a coupling study: name as in recordings, displayed unit, displayed units per SI unit."""
 
     name: str
     unit: str
@@ -33,7 +33,7 @@ FORCE_SIGNAL, POSITION_SIGNAL = COMPARED_SIGNALS[:2]
 
 
 def signal_samples(plant: Samples, theta_m: NDArray[np.float64]) -> Samples:
-    """Extract the signals from the plant's outputs, by "plant.port", and the motor angles (n, 3)."""
+    """Extract the compared signals from the plant's outputs and the motor angles (n, 3)."""
     return {
         "F_z": -plant["plant.F_ee_B"][:, 2:],
         "p_B": plant["plant.p_B"],
@@ -43,7 +43,7 @@ def signal_samples(plant: Samples, theta_m: NDArray[np.float64]) -> Samples:
 
 
 def sampled_run(experiment: Experiment) -> tuple[Samples, float]:
-    """Run `experiment` in this process; return its signals and the master's wall time per simulated time (1)."""
+    """Run an experiment in this process; return its compared signals and the wall time per simulated time."""
     run = Trace(experiment.controller_ticks)
     with assemble(experiment) as assembly:
         done = simulate(assembly, experiment.duration_ticks, [run]).require_success()
@@ -53,5 +53,5 @@ def sampled_run(experiment: Experiment) -> tuple[Samples, float]:
 
 
 def largest_errors(samples: Samples, reference: Samples) -> dict[str, float]:
-    """Largest absolute difference per signal, over all values and times, so that errors cannot cancel."""
+    """Return the largest absolute difference to the reference for each signal, over all values and times."""
     return {name: float(np.abs(values - reference[name]).max()) for name, values in samples.items()}

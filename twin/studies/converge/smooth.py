@@ -19,14 +19,14 @@ OUT_OF_REACH = 1e9
 
 @dataclass(frozen=True)
 class SmoothExperiment:
-    """An experiment and the removed effects, one phrase each."""
+    """An experiment without quantisation, and a phrase for each removed effect."""
 
     experiment: Experiment
     changes: tuple[str, ...]
 
 
 def comparable_experiment(experiment: Experiment) -> SmoothExperiment:
-    """Return the experiment with exact encoders and a force loop triggered at the original time instead of by force."""
+    """Return the experiment with exact encoders and a force loop triggered by time instead of by force."""
     if experiment.faults:
         raise InputRefused(f"{experiment.name}: has faults, whose effect is not a coupling error; remove [[fault]]")
     if experiment.tasks:
@@ -58,7 +58,7 @@ def comparable_experiment(experiment: Experiment) -> SmoothExperiment:
 
 
 def without_friction(smooth: SmoothExperiment) -> SmoothExperiment:
-    """Remove backlash and friction, too: spring and contact then change direction without an event."""
+    """Remove backlash and friction from an experiment, too, so that its motion has no events."""
     experiment = with_plant(smooth.experiment, backlash=0.0, joint_friction=0.0)
     contact = experiment.contact.model_copy(update={"friction": 0.0})
     return SmoothExperiment(

@@ -28,7 +28,7 @@ ORDER_REMARKS = {
 
 
 def convergence_result(study: CouplingStudy, files: dict[str, str]) -> Result:
-    """Return the report of a coupling study; `files` maps kinds to paths."""
+    """Return the report of a coupling study."""
     headline, *others = _headline(study)
     parts: list[Block] = [
         *others,
@@ -87,7 +87,7 @@ def _why_not(study: CouplingStudy, own: TickPoint) -> list[Block]:
 
 
 def _settings(study: CouplingStudy) -> str:
-    """The options that set the recommended coupling."""
+    """Return the command-line options that set the recommended coupling."""
     assert study.choice is not None
     new, old = study.choice.coupling, study.coupling
     settings = {"tick_ms": f"{1e3 * study.choice.point.tick:g}"} if study.choice.point.tick != study.tick else {}
@@ -97,7 +97,7 @@ def _settings(study: CouplingStudy) -> str:
 
 
 def _own_point(study: CouplingStudy) -> TickPoint | None:
-    """The run with the experiment's own coupling and tick; None if missing."""
+    """Return the run with the experiment's own coupling and tick; None if missing."""
     return next((_point_at(one, study.tick) for one in study.series if one.coupling == study.coupling), None)
 
 
@@ -173,7 +173,7 @@ def _error(point: TickPoint | None, signal: Signal) -> str:
 
 
 def _number(value: float) -> str:
-    """A number with three digits, at most eight columns wide."""
+    """Format a number with three digits in at most eight columns."""
     if value == 0.0 or 1e-3 <= abs(value) < 1e3:
         return f"{float(f'{value:.3g}'):g}"
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.1e}"

@@ -15,7 +15,7 @@ PAPER_CLAIMS, OWN_CHECKS = "claims of the paper's text", "of this run's own chec
 
 @dataclass(frozen=True)
 class KnownMiss:
-    """Explanation of a claim that the twin is known not to reproduce.
+    """Explanation of a claim of the paper that the twin is known not to reproduce.
 
     Attributes:
         low, high: range explained by `reason`, in the claim's unit; a number outside it fails, as for any other claim.
@@ -59,7 +59,7 @@ class Claim:
 
     @property
     def bounds_text(self) -> str:
-        """Bounds as text: `5.4 .. 5.8`, `<= 0.5` or `>= 2`."""
+        """Bounds of the claim as text: `5.4 .. 5.8`, `<= 0.5` or `>= 2`."""
         if math.isfinite(self.low):
             return f"{self.low:g} .. {self.high:g}" if math.isfinite(self.high) else f">= {self.low:g}"
         return f"<= {self.high:g}" if math.isfinite(self.high) else ""
@@ -67,7 +67,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class ClaimFinding:
-    """A claim and its verdict for a run; `value` in the claim's unit."""
+    """Verdict on a claim of the paper for a run, with the measured value in the claim's unit."""
 
     claim: Claim
     value: float
@@ -76,7 +76,7 @@ class ClaimFinding:
 
     @property
     def measured_text(self) -> str:
-        """Measured value as text: `5.606 s`, or `never`."""
+        """Measured value of the claim as text: `5.606 s`, or `never`."""
         if self.claim.measure is None or (self.verdict in ("trivial", "not scored") and not math.isfinite(self.value)):
             return ""
         if not math.isfinite(self.value):
@@ -85,12 +85,12 @@ class ClaimFinding:
 
     @property
     def bounds_text(self) -> str:
-        """Bounds of the claim as text, see `Claim.bounds_text`."""
+        """Bounds of the judged claim as text."""
         return self.claim.bounds_text
 
 
 def judge_claim(claim: Claim, runs: Any) -> ClaimFinding:
-    """Measure `claim` on `runs`; it is not scored if the runs lack a series that it needs."""
+    """Judge a claim of the paper on runs; it is not scored if the runs lack a series that it needs."""
     if claim.measure is None:
         return ClaimFinding(claim, math.nan, "not reproduced", claim.miss.reason if claim.miss else "")
     try:
@@ -108,7 +108,7 @@ def judge_claim(claim: Claim, runs: Any) -> ClaimFinding:
 
 
 def finding_to_dict(finding: ClaimFinding) -> dict[str, object]:
-    """A finding as a JSON-compatible dict: claim, measured value, bounds, verdict."""
+    """Convert the verdict on a claim to a JSON-compatible dict: claim, measured value, bounds, verdict."""
     claim = finding.claim
     return {
         "claim": claim.key,
@@ -126,29 +126,29 @@ def finding_to_dict(finding: ClaimFinding) -> dict[str, object]:
 
 
 def failed_keys(findings: Iterable[ClaimFinding]) -> list[str]:
-    """Keys of the claims that fail."""
+    """Return the keys of the paper's claims that fail."""
     return keys_with_verdict(findings, "fails")
 
 
 def keys_with_verdict(findings: Iterable[ClaimFinding], verdict: Verdict) -> list[str]:
-    """Keys of the claims with the given verdict."""
+    """Return the keys of the paper's claims with a given verdict."""
     return [f.claim.key for f in findings if f.verdict == verdict]
 
 
 def unscored_keys(findings: Iterable[ClaimFinding]) -> list[str]:
-    """Keys of the claims that need a series which the runs lack."""
+    """Return the keys of the paper's claims that cannot be scored because the runs lack a series."""
     return keys_with_verdict(findings, "not scored")
 
 
 def tally(findings: Iterable[ClaimFinding]) -> tuple[int, int]:
-    """(number of claims that hold, number judged); claims that are not reproduced count as judged."""
+    """Count claims: (number that hold, number judged); claims that are not reproduced count as judged."""
     verdicts = [f.verdict for f in findings]
     holds = verdicts.count("holds") + verdicts.count("reproduced after all")
     return holds, len(verdicts) - verdicts.count("trivial") - verdicts.count("not scored")
 
 
 def standing_text(findings: Sequence[ClaimFinding], name: str) -> str:
-    """Summary such as `25 of 31 claims of the paper's text hold, 5 not reproduced, 1 fails`."""
+    """Summarise verdicts on claims: `25 of 31 claims of the paper's text hold, 5 not reproduced, 1 fails`."""
     (held, judged), missed, failing = (
         tally(findings),
         keys_with_verdict(findings, "not reproduced"),
@@ -159,7 +159,9 @@ def standing_text(findings: Sequence[ClaimFinding], name: str) -> str:
 
 
 def bound_usage(finding: ClaimFinding) -> float:
-    """Share of its bound that a measure uses: 1 is at the bound, more fails; between two bounds, 0 is in the middle.
+    """Return the share of its bound that a claim's measured value uses: 1 is at the bound, more fails.
+
+    Between two bounds, 0 is in the middle.
 
     Claims with a lower bound alone have no scale and give 0 or infinity.
     """

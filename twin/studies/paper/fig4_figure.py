@@ -27,7 +27,7 @@ FRICTION_STYLES = CURVE_STYLES | {name: {**CURVE_STYLES[name], "lw": THIN_LINE} 
 
 
 def _of_run(name: str, curve: str, scale: float = 1.0, column: int | None = None) -> Reader:
-    """Return a reader of a curve of one of the runs, at the rate of the curve."""
+    """Return a function that reads a curve of one of the runs of Fig. 4, at the rate of the curve."""
 
     def samples(runs: Fig4Runs) -> Samples | None:
         run: Fig4Run | None = getattr(runs, name)
@@ -42,7 +42,7 @@ def _of_run(name: str, curve: str, scale: float = 1.0, column: int | None = None
 
 
 def _level(value: str = "") -> Reader:
-    """Return a reader of a constant attribute of the force-position run; of 0 without a name."""
+    """Return a function that reads a constant of the force-position run of Fig. 4; 0 without a name."""
 
     def samples(runs: Fig4Runs) -> Samples:
         run = runs.force_position
@@ -88,7 +88,7 @@ FIG4_PANELS = (
 
 
 def draw_fig4(runs: Fig4Runs, path: Path) -> None:
-    """Draw Fig. 4 from `runs` to `path` (PNG)."""
+    """Draw the panels of Fig. 4 from its runs to `path` (PNG)."""
     with picture(path, 12, 7.5) as figure:
         (a, b), (c, d) = figure.subplots(2, 2, sharex=True)
         places = ("upper right", "lower right", "lower left", "lower left")

@@ -94,12 +94,12 @@ class Fig4Run:
 
     @property
     def is_in_step(self) -> bool:
-        """Whether estimator and controller have samples at the same instants, as they do if no message was lost."""
+        """Whether estimator and controller have samples at the same instants, as without lost messages."""
         return np.array_equal(self.recording.time("estimator"), self.t)
 
     @cached_property
     def true_z_error(self) -> Curve:
-        """True z minus the pre-defined reference (m), at the controller's rate."""
+        """True height minus the pre-defined reference (m), at the controller's rate."""
         return np.interp(self.t, self.t_plant, self.true_z) - self.z_ref
 
     @cached_property
@@ -113,22 +113,22 @@ class Fig4Run:
 
     @cached_property
     def sweeps(self) -> bool:
-        """Whether the platform moves along -y during the sweep."""
+        """Whether the platform moves along -y during the sweep of Fig. 4."""
         y = self.p_B[self.controller_window(*SWEEP_WINDOW), 1]
         return bool(y[0] - y[-1] >= MIN_SWEEP)
 
     def controller_window(self, start: float, end: float) -> np.ndarray:
-        """Mask of the controller's samples from `start` to `end` (s)."""
+        """Return the mask of the controller's samples from `start` to `end` (s)."""
         return window_mask(self.t, start, end)
 
     def plant_window(self, start: float, end: float) -> np.ndarray:
-        """Mask of the plant's samples from `start` to `end` (s)."""
+        """Return the mask of the plant's samples from `start` to `end` (s)."""
         return window_mask(self.t_plant, start, end)
 
 
 @dataclass(frozen=True)
 class Fig4Runs:
-    """The force-position run and the position-only run.
+    """The force-position run and the position-only run of Fig. 4.
 
     Attributes:
         imperfect: the same two runs of an asymmetrical robot and scale, for the forces in x; None to leave these out.
@@ -148,7 +148,7 @@ class Fig4Runs:
 
     @property
     def without_x(self) -> str:
-        """Why the forces in x are not judged on these runs, or ""."""
+        """Reason why the forces in x are not judged on the runs of Fig. 4, or ""."""
         if self.imperfect is None:
             return "needs the runs of fig4_imperfect.toml and fig4_imperfect_position.toml as well"
         if all(np.max(np.abs(run.true_F_ee_B[:, 0])) < MAX_SYMMETRIC_FORCE for run in self.imperfect):
@@ -157,7 +157,7 @@ class Fig4Runs:
 
     @property
     def missing(self) -> dict[str, list[str]]:
-        """File of each recorded run -> series that claims need and the run lacks."""
+        """Series that claims of Fig. 4 need and each recorded run lacks, by file."""
         runs = [self.force_position, self.position, *(self.imperfect or ())]
         recorded = [run.recording for run in runs if isinstance(run.recording, Recording)]
         found = {str(one.path): missing_series(FIG4_SERIES, one.fields()) for one in recorded}
@@ -165,7 +165,7 @@ class Fig4Runs:
 
     @property
     def tuned_parameters(self) -> dict[str, str]:
-        """Parameters whose source states that they were tuned to meet the text: key -> source."""
+        """Parameters whose source states that they were tuned to meet the paper: key -> source."""
         runs = (self.force_position, *(self.imperfect[:1] if self.imperfect else ()))
         origins = [run.recording.metadata.get("origins", {}) for run in runs]
         return {key: text for one in origins for key, text in one.items() if text.startswith("tuned")}
@@ -216,7 +216,7 @@ Measure = Callable[[Fig4Runs], float]
 
 
 def while_sweeping(measure: Measure) -> Measure:
-    """Restrict `measure` to runs that both sweep; nan otherwise."""
+    """Restrict a measure of Fig. 4 to runs that both sweep; nan otherwise."""
 
     def measured(runs: Fig4Runs) -> float:
         return measure(runs) if runs.force_position.sweeps and runs.position.sweeps else math.nan
@@ -225,7 +225,7 @@ def while_sweeping(measure: Measure) -> Measure:
 
 
 def in_x(measure: Measure) -> Measure:
-    """Apply `measure` to the imperfect runs, because the ideal runs have no force in x."""
+    """Apply a measure of Fig. 4 to the imperfect runs, because the ideal runs have no force in x."""
 
     def measured(runs: Fig4Runs) -> float:
         return while_sweeping(measure)(Fig4Runs(*runs.imperfect)) if runs.imperfect is not None else math.nan
@@ -234,7 +234,7 @@ def in_x(measure: Measure) -> Measure:
 
 
 def _ratio(a: float, b: float) -> float:
-    """Ratio of two sizes; infinity for a zero denominator, nan if both are zero."""
+    """Return the ratio of two sizes; infinity for a zero denominator, nan if both are zero."""
     if b == 0.0:
         return math.inf if a > 0.0 else math.nan
     return a / b
@@ -244,7 +244,10 @@ def _ratio(a: float, b: float) -> float:
 
 
 def end_error(runs: Fig4Runs) -> float:
-    """Largest distance of the platform from the ends of the sweep, before and after it, in both runs (m)."""
+    """Measure the largest distance of the platform from the ends of the sweep, before and after it (m).
+
+    Both runs count.
+    """
     missed = [
         abs(float(np.mean(run.p_B[run.controller_window(*window), 1])) - end)
         for run in (runs.force_position, runs.position)
@@ -324,7 +327,7 @@ def early_trigger(runs: Fig4Runs) -> float:
 
 
 def _worst_part(run: Fig4Run, apart: Curve) -> float:
-    """Mean absolute value of `apart` (m), at the controller's rate, in the part of the curve with the largest mean."""
+    """Return the mean absolute value of a curve (m) in the part of the run where that mean is largest."""
     return max(float(np.mean(np.abs(apart[run.controller_window(*part)]))) for part in CURVE_PARTS)
 
 
@@ -340,7 +343,7 @@ def z_gap(runs: Fig4Runs) -> float:
 
 
 def z_trend(run: Fig4Run) -> float:
-    """Correlation of the height with the pre-defined one; nan if either is constant."""
+    """Measure the correlation of the height with the pre-defined one; nan if either is constant."""
     on = run.controller_window(CURVE_PARTS[0][0], CURVE_PARTS[-1][1])
     if min(np.ptp(run.z[on]), np.ptp(run.z_ref[on])) == 0.0:
         return math.nan
@@ -406,7 +409,7 @@ def friction(run: Fig4Run, axis: int) -> float:
 
 
 def friction_share(axis: int) -> Measure:
-    """Return a measure: friction of position control alone over friction with force control, along `axis`."""
+    """Return a measure: friction with position control alone over friction with force control, along an axis."""
     return lambda runs: _ratio(friction(runs.position, axis), friction(runs.force_position, axis))
 
 

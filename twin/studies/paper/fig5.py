@@ -48,7 +48,7 @@ def _trip_claim(figure: str) -> Claim:
 
 
 def _common_claims(figure: str, down: str, build_up: str) -> tuple[Claim, ...]:
-    """Claims on every task that presses: a gentle touch, a gradual rise, no overshoot, no trip."""
+    """Return the claims on every task that presses: a gentle touch, a gradual rise, no overshoot, no trip."""
     return (
         Claim(
             "touch_speed", "speed at the first touch", figure, down,
@@ -191,7 +191,7 @@ TASK_CLAIMS: dict[str, tuple[Claim, ...]] = {
 
 @dataclass(frozen=True)
 class TaskScore:
-    """Score of one task on the claims of its kind.
+    """Score of one massage task on the claims of Fig. 5.
 
     Attributes:
         path: recording of the run.
@@ -215,7 +215,7 @@ class TaskScore:
         return self.run.task.kind
 
     def to_dict(self) -> dict[str, object]:
-        """The score as a JSON-compatible dict."""
+        """Convert the score of a task to a JSON-compatible dict."""
         return {
             "recording": str(self.path),
             "drive": self.drive,
@@ -246,11 +246,11 @@ class Fig5Score:
 
     @property
     def failed_keys(self) -> list[str]:
-        """Keys of the claims that fail for any task, each once."""
+        """Keys of the claims of Fig. 5 that fail for any task, each once."""
         return list(dict.fromkeys(failed_keys(self.findings)))
 
     def to_dict(self) -> dict[str, object]:
-        """The score as a JSON-compatible dict."""
+        """Convert the score on Fig. 5 to a JSON-compatible dict."""
         return {
             "figure": "5",
             "failed": self.failed_keys,
@@ -260,7 +260,7 @@ class Fig5Score:
 
 
 def fig5_score(recordings: Sequence[Recording]) -> Fig5Score:
-    """Judge every task of `recordings`.
+    """Judge every massage task of the recordings on the claims of Fig. 5.
 
     Raises:
         InputRefused: a recording has no task.
@@ -271,7 +271,7 @@ def fig5_score(recordings: Sequence[Recording]) -> Fig5Score:
 
 
 def shown_tasks(score: Fig5Score) -> list[TaskScore]:
-    """Select the tasks to draw: per kind, in the order of Fig. 5, the last begun in the first run with that kind."""
+    """Select the tasks to draw in Fig. 5: per kind, the last begun in the first run with that kind."""
     shown = []
     for kind in TASK_CLAIMS:
         tasks = [task for task in score.tasks if task.kind == kind and len(task.run.t)]
@@ -294,7 +294,7 @@ def _task_scores(recording: Recording) -> list[TaskScore]:
 
 
 def manner(task: Task) -> str:
-    """Text of the values that a task requests."""
+    """Format the values that a massage task requests as text."""
     match task:
         case Press():
             return f"{task.force:g} N for {task.hold:g} s"

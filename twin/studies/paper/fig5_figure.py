@@ -48,7 +48,7 @@ SHOWN_TAPS = 3
 
 
 def draw_fig5(score: Fig5Score, path: Path) -> None:
-    """Draw the tasks selected by `shown_tasks` to `path` (PNG), a column each.
+    """Draw Fig. 5 from runs of massage tasks to `path` (PNG), a column per task.
 
     A series that a run lacks is left out.
     """
@@ -124,7 +124,7 @@ def _draw_circle(axes: Axes, run: TaskRun) -> None:
 
 
 def _ring(task: Roll, share: float, **look: Any) -> Circle:
-    """A circle about the task's point with a share of the requested radius, in mm."""
+    """Return a circle about the task's point with a share of the requested radius, in mm."""
     return Circle((1e3 * task.point[0], 1e3 * task.point[1]), 1e3 * share * task.radius, fill=False, **look)
 
 
@@ -171,7 +171,7 @@ def _draw_force(axes: Axes, run: TaskRun) -> None:
 
 
 def _force_limit(run: TaskRun) -> float | None:
-    """Trip limit (N) of the safety monitor for the force; None without a monitor, or with a third-party one."""
+    """Return the safety monitor's trip limit for the force (N); None without twin's own monitor."""
     table = settings(run.recording).get("monitor")
     if table is None or names_stand_in(table):
         return None
@@ -179,7 +179,7 @@ def _force_limit(run: TaskRun) -> float | None:
 
 
 def seen_part(run: TaskRun) -> slice:
-    """Samples shown by the panels over time: the whole task, or the last taps."""
+    """Return the samples of a task that its panels show over time: the whole task, or the last taps."""
     if isinstance(run.task, Tap) and len(run.taps) > 1:
         last = run.taps[-SHOWN_TAPS:]
         return slice(last[0].start, last[-1].start + round(run.task.period / (run.t[1] - run.t[0])))
@@ -187,12 +187,12 @@ def seen_part(run: TaskRun) -> slice:
 
 
 def bound_of(key: str) -> Claim:
-    """The claim with the given key, for its bounds."""
+    """Return the claim of Fig. 5 with the given key, for its bounds."""
     return next(claim for claims in TASK_CLAIMS.values() for claim in claims if claim.key == key)
 
 
 def draw_in_space(axes: "Axes3D", run: TaskRun, floor: float) -> None:
-    """Draw the path of the task in space into `axes`.
+    """Draw the spatial path of a massage task into `axes`.
 
     Args:
         floor: lowest height of all panels (m).
@@ -224,12 +224,12 @@ def draw_in_space(axes: "Axes3D", run: TaskRun, floor: float) -> None:
 
 
 def _height(run: TaskRun) -> float:
-    """Height of the untouched surface (m)."""
+    """Return the height of the untouched surface (m) in a run."""
     return float(settings(run.recording)["contact"]["height_mm"]) / 1e3
 
 
 def _draw_box(axes: "Axes3D", bottom: float) -> None:
-    """Draw the twelve edges of the box."""
+    """Draw the twelve edges of the box around a spatial path."""
     corners = np.array(
         list(product((-BOX_HALF_WIDTH, BOX_HALF_WIDTH), (-BOX_HALF_WIDTH, BOX_HALF_WIDTH), (bottom, BOX_TOP)))
     )
@@ -252,7 +252,10 @@ def _draw_surface(axes: "Axes3D", height: float) -> None:
 
 
 def _moves(run: TaskRun) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
-    """(start, vector) of the arrows in mm: down next to the point; around the circle or along the line."""
+    """Return (start, vector) of the arrows in mm that show a task's motion in space.
+
+    Down next to the point; around the circle or along the line.
+    """
     x, y = (1e3 * c for c in run.task.point)
     high, low = -88.0, 1e3 * _height(run) + 1.0
     moves: list[tuple[tuple[float, ...], tuple[float, ...]]] = [((x - 3.0, y, high), (0.0, 0.0, low - high))]

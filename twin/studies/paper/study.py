@@ -28,7 +28,7 @@ RESULTS_FOLDER = Path("results")
 
 
 def fig4_result(score: Fig4Score) -> Result:
-    """Report on Fig. 4: the claims of the paper, then our own on the true force."""
+    """Return the report on Fig. 4: the claims of the paper, then our own on the true force."""
     lines: list[Block] = []
     if score.unscored_keys:
         lines += [f"Not scored: {count_text(len(score.unscored_keys), 'claim')}, marked ?, whose series a run lacks:"]
@@ -49,7 +49,7 @@ def fig4_result(score: Fig4Score) -> Result:
 
 
 def fig5_result(score: fig5.Fig5Score) -> Result:
-    """Report on Fig. 5: every claim of every task of a few runs; for many runs a table and the failures."""
+    """Return the report on Fig. 5: every claim of every task; for many runs a table and the failures."""
     held, judged = tally(score.findings)
     lines: list[Block] = [_two_columns("Fig. 5", f"{held} of {judged} {PAPER_CLAIMS} hold")]
     runs = {task.path for task in score.tasks}
@@ -91,7 +91,7 @@ def _cell(findings: Sequence[ClaimFinding]) -> str:
 
 
 def _failures(tasks: Sequence[fig5.TaskScore]) -> list[str]:
-    """Lines on the failures per body, kind of task and claim: count, measured range, drives."""
+    """Return lines on failed claims of Fig. 5 per body, kind of task and claim: count, measured range, drives."""
     drives = {task.drive for task in tasks}
     groups: dict[tuple[str, str, str], list[tuple[str, ClaimFinding]]] = {}
     for task in tasks:
@@ -111,7 +111,7 @@ def _failures(tasks: Sequence[fig5.TaskScore]) -> list[str]:
 
 
 def _range(findings: Sequence[ClaimFinding]) -> str:
-    """Range of the measured values as text; `never` counts as the largest."""
+    """Format the range of the measured values of a claim; `never` counts as the largest."""
     least, *_, largest = [*(ordered := sorted(findings, key=lambda f: f.value)), ordered[-1]]
     if least.measured_text == largest.measured_text:
         return least.measured_text
@@ -134,7 +134,7 @@ def _two_columns(left: str, right: str) -> str:
 
 
 def _result(lines: Sequence[Block], facts: Mapping[str, object], holds: bool) -> Result:
-    """Result with the first line as the answer; lines wider than the page are folded."""
+    """Return the report of a score with the first line as the answer; wide lines are folded."""
     first, *others = [_fold_line(line) if isinstance(line, str) and len(line) > TEXT_WIDTH else line for line in lines]
     return Result(first, others, facts, exit_code=0 if holds else 1)
 
@@ -144,7 +144,7 @@ def _fold_line(line: str) -> Note:
 
 
 def score_fig4(paths: Sequence[Path], out: Path | None) -> Result:
-    """Score recordings on the claims of Fig. 4, and write the files to `out`.
+    """Score recordings on the claims of Fig. 4, and write report files to `out`.
 
     Exit code 1: a claim fails, or cannot be scored because a run lacks a series.
 
@@ -172,7 +172,7 @@ def score_fig4(paths: Sequence[Path], out: Path | None) -> Result:
 
 
 def score_fig5(paths: Sequence[Path], out: Path | None) -> Result:
-    """Score recordings on the claims of Fig. 5, and write the files to `out`.
+    """Score recordings on the claims of Fig. 5, and write report files to `out`.
 
     Exit code 1: a claim fails.
 

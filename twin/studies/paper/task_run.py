@@ -31,7 +31,7 @@ def _cached_curve(of: "Callable[[TaskRun], response.Curve]") -> "cached_property
 
 @dataclass(frozen=True)
 class TaskRun:
-    """One task of a run, from its first phase to its last; empty if the run never reached it.
+    """One massage task of a run as curves, from its first phase to its last; empty if the run never reached it.
 
     Curves are (n,) or (n, 3), SI, at the plant's ticks `t`. The controller's curves are held between its samples, as
     its commands are.
@@ -50,18 +50,18 @@ class TaskRun:
 
     @cached_property
     def _sample_indices(self) -> NDArray[np.int64]:
-        """Index of the controller's sample that is valid at each of the plant's ticks."""
+        """Index of the controller's sample that is valid at each of the plant's ticks of this task."""
         return held_samples(self.recording.time("controller"), self.recording.time("plant"))
 
     @cached_property
     def _window(self) -> slice:
-        """The plant's samples during this task."""
+        """Slice of the plant's samples during this task."""
         on = (self.recording["controller.task"] == self.number) & (self.recording["controller.phase"] != PhaseKind.DONE)
         ticks = np.flatnonzero(on[self._sample_indices])
         return slice(ticks[0], ticks[-1] + 1) if len(ticks) else slice(0, 0)
 
     def controller_series(self, name: str) -> response.Curve:
-        """A series of the controller, held at the plant's ticks."""
+        """Return a series of the controller, held at the plant's ticks of this task."""
         return self.recording[f"controller.{name}"][self._sample_indices[self._window]]
 
     t = _cached_curve(lambda run: run.recording.time("plant")[run._window])
@@ -74,12 +74,12 @@ class TaskRun:
         return self.controller_series("phase").astype(np.int64)
 
     def phase_mask(self, kind: PhaseKind) -> Mask:
-        """Mask of the samples in a phase."""
+        """Return the mask of the task's samples in a phase."""
         return self.phase == kind
 
     @cached_property
     def full_turns(self) -> Mask:
-        """Mask of the full circles, without the turns that spiral out and back."""
+        """Mask of a task's full circles, without the turns that spiral out and back."""
         circling = self.phase_mask(PhaseKind.CIRCLE)
         assert self.task.kind == "roll"
         since = self.t - response.first_time(self.t, circling)
@@ -127,7 +127,7 @@ class TaskRun:
 
 
 def task_runs(recording: Recording) -> list[TaskRun]:
-    """Split a run into its tasks, in their order.
+    """Split a recorded run into its massage tasks, in their order.
 
     Raises:
         InputRefused: the run has no task, or lacks a series that the claims need.
@@ -147,33 +147,33 @@ def task_runs(recording: Recording) -> list[TaskRun]:
 
 
 def settings(run: RunView) -> dict[str, Any]:
-    """Return the recorded experiment's checked values, keys with units; exceptions as in `recorded_values`."""
+    """Return the checked values of the experiment in a recorded run, keys with units."""
     path = run.path if isinstance(run, Recording) else Path("run in memory")
     return recorded_values(DECLARED_TABLES, run.metadata, path)
 
 
 def drive_of(recording: Recording) -> str:
-    """Name of the run's drive, e.g. `velocity_servo`; `stepper+velocity_servo` if the joints differ."""
+    """Return the name of a recorded run's drive, e.g. `velocity_servo`; `stepper+velocity_servo` if joints differ."""
     drive = settings(recording).get("drive", {})
     tables = [drive, *(table for table in drive.values() if isinstance(table, dict))]
     return "+".join(sorted({Path(table["fmu"]).stem for table in tables if "fmu" in table})) or "parts"
 
 
 def body_of(recording: Recording) -> str:
-    """Name of the run's body, e.g. `back`; `scale` or `skin` if no body file was named."""
+    """Return the name of a recorded run's body, e.g. `back`; `scale` or `skin` if no body file was named."""
     contact = settings(recording).get("contact", {})
     return Path(contact.get("body", contact.get("kind", "unknown"))).stem
 
 
 def trip_time(recording: RunView) -> float:
-    """Time of the safety monitor's trip (s); infinity if it never tripped or is missing."""
+    """Return the time of the safety monitor's trip in a run (s); infinity if it never tripped or is missing."""
     if "monitor.tripped" not in recording.fields():
         return np.inf
     return response.first_time(recording.time("monitor"), recording["monitor.tripped"].astype(bool))
 
 
 def trip_sentence(recording: Recording) -> str:
-    """Sentence on the safety monitor's trip; "" without a trip."""
+    """Return a sentence on the safety monitor's trip in a run; "" without a trip."""
     time = trip_time(recording)
     if np.isinf(time):
         return ""
@@ -183,7 +183,7 @@ def trip_sentence(recording: Recording) -> str:
 
 
 def _tuples(value: Any) -> Any:
-    """Convert JSON's lists to the tuples that the checks expect."""
+    """Convert JSON's lists to the tuples that the checks of an experiment expect."""
     if isinstance(value, list):
         return tuple(_tuples(item) for item in value)
     return {key: _tuples(item) for key, item in value.items()} if isinstance(value, dict) else value

@@ -56,7 +56,9 @@ MAX_MOTION = 1e9
 
 
 def variables_text(parts: "Mapping[str, FmuDescription | EnclosedSystem]") -> str:
-    """Return a list of the inputs and outputs of each part as text, plus local variables if no output can be the shaft.
+    """List the inputs and outputs of each FMU of a drive as text.
+
+    Local variables are listed, too, if no output can be the shaft's angle.
 
     Args:
         parts: part name -> FMU; "" for a single FMU.
@@ -78,7 +80,7 @@ def variables_text(parts: "Mapping[str, FmuDescription | EnclosedSystem]") -> st
 
 
 def variables_facts(parts: "Mapping[str, FmuDescription | EnclosedSystem]") -> list[dict[str, Any]]:
-    """Return the variables of each part for JSON, without a limit on their number."""
+    """Return the variables of each FMU of a drive for JSON, without a limit on their number."""
     return [
         {
             "part": part, "name": v.name, "causality": causality, "type": v.type, "unit": v.unit or None,
@@ -99,7 +101,7 @@ def _variables_by_causality(fmu: "FmuDescription | EnclosedSystem") -> dict[str,
 
 @dataclass(frozen=True)
 class Response:
-    """The response of a drive, one sample per tick, all (ticks,).
+    """Response of a drive on the bench, one sample per tick, all (ticks,).
 
     Attributes:
         t: time (s).
@@ -117,12 +119,14 @@ class Response:
     cost: float
 
     def window(self, start: float, end: float) -> slice:
-        """Return the slice of the samples in start <= t < end (s)."""
+        """Return the slice of the response's samples in start <= t < end (s)."""
         return slice(round(start / TICK), round(end / TICK))
 
     def mean_speed(self, start: float, end: float) -> float:
-        """Return the mean speed (rad/s) in start <= t < end (s): slope of a line through the angle, averaging
-        ripple."""
+        """Return the drive's mean speed (rad/s) in start <= t < end (s).
+
+        It is the slope of a line through the angle, which averages ripple.
+        """
         part = self.window(start, end)
         t = self.t[part] - np.mean(self.t[part])
         return float(t @ (self.theta_m[part] - self.theta_m[part.start]) / (t @ t))
@@ -134,7 +138,7 @@ _tick_listeners: list[TickListener] = []
 
 @contextmanager
 def reporting_ticks(hear: TickListener) -> Iterator[None]:
-    """Register `hear` within the block; it is called with the number of completed ticks and their wall time (s)."""
+    """Call `hear` during the block with the number of completed ticks and their wall time (s)."""
     _tick_listeners.append(hear)
     try:
         yield
@@ -144,7 +148,7 @@ def reporting_ticks(hear: TickListener) -> Iterator[None]:
 
 @contextmanager
 def on_bench(plan: DrivePlan, tick: float, inputs: Curve) -> Iterator[System]:
-    """Yield a system of "signals", which plays back `inputs`, and a new instance of the drive, "drive", at theta_m = 0.
+    """Yield a test bench: a system of a drive and a component that plays back command and load.
 
     Args:
         plan: drive; all axes of a three-axis drive get the same command and load.
@@ -170,7 +174,7 @@ def response(
     tau_load: Curve,
     enough: Callable[[Curve], bool] = lambda theta_m: False,
 ) -> Response:
-    """Run a new instance of the drive from rest at theta_m = 0 and return its response.
+    """Run a drive on the bench from rest with a given command and load, and return its response.
 
     All axes of a three-axis drive get the same command and load; the first is measured.
 
@@ -214,7 +218,7 @@ def response(
 
 
 def refuse_impossible(plan: DrivePlan, system: System, rows: Curve) -> None:
-    """Refuse finite but physically impossible motion.
+    """Refuse finite but physically impossible motion of a drive on the bench.
 
     Args:
         system: system made by `on_bench`.
@@ -237,7 +241,7 @@ def refuse_impossible(plan: DrivePlan, system: System, rows: Curve) -> None:
 
 @dataclass(frozen=True)
 class Inputs:
-    """The inputs of a part at each of its samples.
+    """Recorded inputs of a robot part at each of its samples.
 
     Attributes:
         t: times of the samples (n,), s.
@@ -250,22 +254,22 @@ class Inputs:
     u: NDArray[np.float64]
 
     def first(self, count: int) -> "Inputs":
-        """Return the first `count` samples."""
+        """Return the first `count` samples of the inputs."""
         return replace(self, t=self.t[:count], u=self.u[:count])
 
     def skip(self, count: int) -> "Inputs":
-        """Return all but the first `count` samples."""
+        """Return all but the first `count` samples of the inputs."""
         return replace(self, t=self.t[count:], u=self.u[count:])
 
     def nudge(self) -> "Inputs":
-        """Return the inputs with a small change of each, alternating in sign."""
+        """Return the inputs with a small change of each value, alternating in sign."""
         signs = np.where(np.arange(self.u.shape[1]) % 2, 1.0, -1.0)
         return replace(self, u=self.u + NUDGE_SIZE * signs * np.maximum(np.abs(self.u), 1.0))
 
 
 @dataclass(frozen=True)
 class PartCalls:
-    """The result of calling a part.
+    """Outputs and cost of a series of calls of a robot part.
 
     Attributes:
         rows: outputs (calls, outputs); fewer calls than inputs if one failed, or they took too long.
@@ -279,7 +283,7 @@ class PartCalls:
 
 
 def inputs_for(part: ThirdPartyPart, run: Trace, experiment: Experiment, period: int) -> Inputs:
-    """Return the inputs that `part` would have received in the `run` of `experiment`.
+    """Return the inputs that a robot part would have received in a recorded run.
 
     Args:
         period: period of the part, in ticks.
@@ -297,7 +301,7 @@ def inputs_for(part: ThirdPartyPart, run: Trace, experiment: Experiment, period:
 
 
 def call_part(component: Component, inputs: Inputs) -> PartCalls:
-    """Call `component` at the samples of `inputs`, until `CALLS_TIME_LIMIT`."""
+    """Call a robot part's component at all samples of its inputs, until `CALLS_TIME_LIMIT`."""
     blocks: list[NDArray[np.float64]] = []
     # A call without samples compiles the code, or loads it from the cache, before the clock starts.
     play(component, inputs.t[:0], inputs.t[:0], inputs.u[:0])
@@ -317,13 +321,13 @@ def call_part(component: Component, inputs: Inputs) -> PartCalls:
 
 
 def not_finite(component: Component, row: NDArray[np.float64]) -> str:
-    """Return an error for the outputs in `row` that are NaN or infinite, as the verb phrase of a sentence."""
+    """Return an error for outputs that are NaN or infinite, as the verb phrase of a sentence."""
     names = [name for name, values in by_port(component.outputs, row).items() if not np.isfinite(values).all()]
     return f"returned NaN or infinity for {', '.join(names)}"
 
 
 def repeats_from_state(component: Component, inputs: Inputs) -> bool:
-    """Whether the second half of `inputs` gives the same bits again after the FMU's state is restored.
+    """Whether a robot part gives the same bits again after the FMU's state is restored halfway.
 
     Raises:
         ComponentFailed: the FMU refuses to save or restore its state.

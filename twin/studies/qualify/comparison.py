@@ -77,7 +77,7 @@ CLOSE_UP = 2.5
 
 
 class TrueRun:
-    """The true signals of a robot's `run` at every tick.
+    """True signals of a robot's run at every tick, for the comparison of drives.
 
     Attributes:
         t: time (s), (ticks,) like all others.
@@ -96,7 +96,7 @@ class TrueRun:
         self.z_ref: Curve = run.held("controller.p_cmd_B" if self._tasks else "controller.p_ref_B")[:, 2]
 
     def measures(self, cost: float) -> tuple[Measure, ...]:
-        """Compute all of `COMPARED_MEASURES`.
+        """Compute all measures for the comparison of drives.
 
         Args:
             cost: wall time in the drives per tick (s).
@@ -125,11 +125,11 @@ class TrueRun:
         )
 
     def _energy(self, power: Curve) -> float:
-        """Integrate `power` (ticks, n), W, held from tick to tick; return the energy (J)."""
+        """Integrate a power (ticks, n), W, held from tick to tick; return the energy (J)."""
         return float(np.sum(power[:-1]) * self.run.tick)
 
     def _approach(self) -> tuple[Measure, Measure]:
-        """Compute `settling_time` and `overshoot` of the force once it is controlled, else of the height."""
+        """Compute settling time and overshoot of the controlled force, else of the height."""
         on = self.run.held("controller.triggered")
         if self._tasks:
             beyond = 100.0 * overshoot(self.F_z[on], float(self.F_z_ref[on].max())) if np.any(on) else None
@@ -168,7 +168,7 @@ def _output_measure(name: str, value: float | None) -> Measure:
 
 @dataclass(frozen=True)
 class DriveTrial:
-    """The result of one drive in the experiment.
+    """Results of one of the compared drives in the experiment.
 
     Attributes:
         name: name of the drive, as typed.
@@ -191,7 +191,7 @@ class DriveTrial:
 
 @dataclass(frozen=True)
 class DriveTrials:
-    """The results of all drives in one experiment.
+    """Results of all compared drives in one experiment.
 
     Attributes:
         name: name of the experiment.
@@ -216,7 +216,7 @@ def trials(
     body: str | None = None,
     say: Say = ignore_progress,
 ) -> tuple[DriveTrials, ...]:
-    """Run each of `experiments` with each of `drives` in all three joints, in this process.
+    """Run each experiment with each of the drives in all three joints, for comparison.
 
     Args:
         experiments: experiment files.
@@ -245,7 +245,10 @@ def trials(
 
 
 def verdict(compared: Sequence[DriveTrials]) -> list[str]:
-    """Return a sentence per drive, except the first, over all experiments, and a sentence per drive not judged."""
+    """Return the verdict of a comparison of drives: a sentence per drive, except the first, over all experiments.
+
+    A drive that is not judged gets a sentence, too.
+    """
     first = compared[0].trials[0].name
     by_drive: dict[str, list[Ranks]] = {}
     for one in compared:
@@ -268,7 +271,7 @@ def verdict(compared: Sequence[DriveTrials]) -> list[str]:
 
 
 def comparison_facts(compared: DriveTrials) -> dict[str, Any]:
-    """Convert the comparison to a dictionary for JSON, without the curves; SI units."""
+    """Convert a comparison of drives to a dictionary for JSON, without the curves; SI units."""
     done = compared.trials
     return {
         "experiment": compared.name,
@@ -293,7 +296,7 @@ def comparison_facts(compared: DriveTrials) -> dict[str, Any]:
 
 
 def disturb_encoders(experiment: Experiment, seed: int) -> Experiment:
-    """Return the experiment with random encoder zeros added to its own, and with noise; `seed` determines both."""
+    """Return the experiment with random encoder zeros and noise; `seed` determines both."""
     rng, plant = np.random.default_rng(seed), experiment.plant
     motor, joint = (rng.uniform(-largest, largest, 3) for largest in (MOTOR_ZERO, JOINT_ZERO))
     noisy = with_plant(
@@ -307,7 +310,7 @@ def disturb_encoders(experiment: Experiment, seed: int) -> Experiment:
 
 
 def _with_paired_runs(trial: DriveTrial, experiment: Experiment, steps: Steps, label: str) -> DriveTrial:
-    """Return `trial` with its paired runs, which stop at the first failure or trip."""
+    """Return a drive's results with its paired runs, which stop at the first failure or trip."""
     found = []
     for seed in PAIRED_SEEDS:
         steps.next(f"{label}, seed {seed}")
@@ -341,7 +344,7 @@ def _trial(experiment: Experiment, name: str) -> DriveTrial:
 
 
 def draw_drive_compare(trials: Sequence[DriveTrial], title: str, path: Path) -> None:
-    """Draw the controlled quantity, its approach, the error of z, and the error in the second half, to `path` (PNG).
+    """Draw the compared drives' force or height, its approach and its errors to `path` (PNG).
 
     The controlled quantity is the true pressing force if the robot touches anything, else the true z.
     """

@@ -74,7 +74,7 @@ MAX_DROOP, STALL_RANGE = 0.6, (0.378, 2.94)
 
 
 class Workload:
-    """Progress counter of the ticks of a qualification.
+    """Progress counter of the ticks of a drive's qualification.
 
     Args:
         label: name of the drive.
@@ -87,7 +87,7 @@ class Workload:
         self._reported = time.monotonic()
 
     def count_ticks(self, ticks: int, taken: float) -> None:
-        """Add `ticks` completed ticks, which took `taken` (s), and report progress.
+        """Add completed ticks and their wall time (s) to the progress of the qualification, and report it.
 
         Raises:
             InputRefused: the whole check will take more than an hour, and that was not confirmed.
@@ -107,7 +107,7 @@ class Workload:
 
 
 def work_cycle(speed: float = SPEED_IN_USE, load: float = LOAD_IN_USE, end: float = CYCLE_END) -> tuple[Curve, Curve]:
-    """Return commanded speed (rad/s) and load (N m) of the work cycle, one value per tick, (ticks,).
+    """Return commanded speed (rad/s) and load (N m) of the qualification's work cycle, one value per tick.
 
     Args:
         speed, load: values after their steps.
@@ -118,7 +118,7 @@ def work_cycle(speed: float = SPEED_IN_USE, load: float = LOAD_IN_USE, end: floa
 
 
 class Definition(NamedTuple):
-    """The definition of a measure: short name in tables, SI unit ("%" for a share), exact meaning."""
+    """Definition of a measure of drives: short name, SI unit ("%" for a share), exact meaning."""
 
     text: str
     unit: str
@@ -180,7 +180,7 @@ Verdict = Literal["ok", "FAIL", "note"]
 
 @dataclass(frozen=True)
 class Check:
-    """The result of a check.
+    """Result of one check of a drive or part.
 
     Attributes:
         name: key in `CHECK_MEANINGS`.
@@ -195,7 +195,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Measure:
-    """The result of a measurement.
+    """Result of one measurement of a drive.
 
     Attributes:
         name: key in `MEASURE_DEFINITIONS`.
@@ -212,5 +212,5 @@ Finding = Check | Measure
 
 
 def make_check(name: str, right: bool, detail: str, otherwise: Verdict = "FAIL") -> Check:
-    """Return a check with verdict "ok" if `right`, else `otherwise`."""
+    """Build the result of a check: verdict "ok" if `right`, else `otherwise`."""
     return Check(name, "ok" if right else otherwise, detail)

@@ -89,7 +89,7 @@ HALF_POWER = 1.0 / np.sqrt(2.0)
 
 
 def direction_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
-    """Check `direction`, `scale` and `rate`; measure `speed` and `no_load_speed`.
+    """Check a drive's direction, scale and rate; measure its speed and no-load speed.
 
     Args:
         cycle: response to the work cycle.
@@ -126,7 +126,7 @@ def direction_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
 
 
 def load_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
-    """Check `load`, measure `droop`.
+    """Check a drive's response to load, and measure its droop.
 
     Args:
         cycle: response to the work cycle.
@@ -159,7 +159,7 @@ def _remedy(plan: DrivePlan, forth: float, back: float) -> str:
 
 
 def step_findings(cycle: Response) -> list[Finding]:
-    """Measure `ripple`, `rise_time`, `settling_time` and `overshoot`, from the work cycle's command step."""
+    """Measure a drive's ripple, rise time, settling time and overshoot, from the command step of the work cycle."""
     final = cycle.mean_speed(LOAD_TIME - AVERAGE_TIME, LOAD_TIME)
     steady = cycle.omega_m[cycle.window(LOAD_TIME - AVERAGE_TIME, LOAD_TIME)]
     ripple = float(np.max(np.abs(steady - np.mean(steady))))
@@ -182,12 +182,12 @@ def step_findings(cycle: Response) -> list[Finding]:
 
 
 def _in_time(name: str, value: float, remark: str = "") -> Measure:
-    """Return a measure of time (s), or its absence if the speed never reaches the level."""
+    """Return a measure of time (s), without a value if the speed never reaches the level."""
     return Measure(name, value, remark) if np.isfinite(value) else Measure(name, None, "omega_m does not get there")
 
 
 def overload(plan: DrivePlan) -> Response:
-    """Run the drive at the speed in use under a growing load until the shaft has stalled.
+    """Run a drive at the speed in use under a growing load until its shaft has stalled; return the response.
 
     Raises:
         ComponentFailed: the drive failed.
@@ -198,7 +198,7 @@ def overload(plan: DrivePlan) -> Response:
 
 
 def stall_torque(plan: DrivePlan, done: Response) -> Measure:
-    """Measure `stall_torque`.
+    """Measure a drive's stall torque.
 
     Args:
         done: response to `overload`.
@@ -219,7 +219,7 @@ def stall_torque(plan: DrivePlan, done: Response) -> Measure:
 
 
 def ramped_torque(done: Response) -> float:
-    """Return the stall load (N m) of an `overload` run; 0 if the shaft never turned."""
+    """Return the load (N m) at which a drive stalled under a growing load; 0 if the shaft never turned."""
     n = round(SPEED_WINDOW / TICK)
     turning = np.flatnonzero(done.theta_m[n:] - done.theta_m[:-n] >= STALL_SHARE * SPEED_IN_USE * SPEED_WINDOW)
     # The load in the middle of the last window with a turning shaft.
@@ -227,7 +227,7 @@ def ramped_torque(done: Response) -> float:
 
 
 def held_torque(found: float, carries: Callable[[float], bool]) -> float:
-    """Confirm or correct the stall torque `found` (N m) by held loads, to within `STALL_UNCERTAINTY`.
+    """Confirm or correct a stall torque (N m) by held loads, to within `STALL_UNCERTAINTY`.
 
     Returns `found` if loads `STALL_UNCERTAINTY` below and above it confirm it, else the result of a bisection;
     `MAX_LOAD` if that load is carried.
@@ -253,7 +253,7 @@ def held_torque(found: float, carries: Callable[[float], bool]) -> float:
 
 
 def carries_load(plan: DrivePlan, load: float, rate: float = RAMP_RATE) -> bool:
-    """Whether a drive at the speed in use still turns after a load (N m), grown by `rate` (N m/s), has been held.
+    """Whether a drive at the speed in use still turns after a load (N m) has been held.
 
     Raises:
         ComponentFailed: the drive failed.
@@ -271,7 +271,7 @@ def _is_stall(theta_m: Curve) -> bool:
 
 
 def repetition_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
-    """Check `repeats`, measure `cost`.
+    """Check whether a drive repeats its response bit by bit, and measure its computing cost.
 
     Args:
         cycle: response to the work cycle.
@@ -292,7 +292,7 @@ def repetition_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
 
 
 def step_error(plan: DrivePlan, cycle: Response) -> Measure:
-    """Measure `step_error` by repeating the work cycle with the FMU stepped twice as finely, its inputs held as before.
+    """Measure a drive's error due to its step size, by repeating the work cycle with the FMU stepped twice as finely.
 
     Fixed steps of twin's own solver are halved too. Another run uses a tighter solver tolerance, whose error finer
     steps cannot reduce.
@@ -327,7 +327,7 @@ def _half_step(table: Drive | DrivePart) -> dict[str, float]:
 
 
 def _tolerance_error(plan: DrivePlan, cycle: Response) -> tuple[float, float]:
-    """Return (largest change of theta_m (rad) under a tighter relative solver tolerance, that tolerance)."""
+    """Return (largest change of a drive's angle (rad) under a tighter solver tolerance, that tolerance)."""
     stated = [tolerance for part in plan.parts if (tolerance := plan.tolerance(part))]
     tolerance = TOLERANCE_FACTOR * min(stated, default=USUAL_TOLERANCE)
     parts = {name: part.model_copy(update={"tolerance": None}) for name, part in plan.table.parts.items()}
@@ -341,12 +341,12 @@ def _tolerance_error(plan: DrivePlan, cycle: Response) -> tuple[float, float]:
 
 
 def _angle_difference(one: Response, other: Response) -> float:
-    """Return the largest difference of theta_m (rad)."""
+    """Return the largest difference of the motor angle (rad) between two responses."""
     return float(np.max(np.abs(one.theta_m - other.theta_m)))
 
 
 def frequency_response(plan: DrivePlan) -> tuple[Curve, Curve]:
-    """Measure the frequency response of a drive, with extra frequencies near the bandwidth.
+    """Measure the frequency response of a drive on the bench, with extra frequencies near the bandwidth.
 
     The effects of holding the command for a tick H and averaging the speed over one, sin(x)/x with x = pi f H each, are
     compensated.
@@ -369,7 +369,9 @@ def frequency_response(plan: DrivePlan) -> tuple[Curve, Curve]:
 
 
 def bandwidth(frequencies: Curve, gain: Curve, steady_gain: float) -> Measure:
-    """Measure `bandwidth`: the frequency where `gain` first falls below 1/sqrt(2) of its value at the lowest frequency.
+    """Measure a drive's bandwidth: the frequency where its amplitude ratio first falls below 1/sqrt(2) of its value.
+
+    The reference value is that at the lowest frequency.
 
     Args:
         frequencies: frequencies (Hz), ascending (n,).
@@ -391,7 +393,7 @@ def bandwidth(frequencies: Curve, gain: Curve, steady_gain: float) -> Measure:
 
 
 def _gains(plan: DrivePlan, frequencies: Curve) -> Curve:
-    """Measure amplitude ratios (n,) at `frequencies`, one after the other in one run."""
+    """Measure a drive's amplitude ratios (n,) at some frequencies, one after the other in one run."""
     lead_in = np.round(np.maximum(LEAD_IN_PERIODS / frequencies, MIN_LEAD_IN_TIME) / TICK).astype(int)
     looked_at = np.round(np.maximum(MEASURED_PERIODS / frequencies, MIN_MEASURED_TIME) / TICK).astype(int)
     phase = np.cumsum(2.0 * np.pi * TICK * np.repeat(frequencies, lead_in + looked_at))
@@ -403,7 +405,7 @@ def _gains(plan: DrivePlan, frequencies: Curve) -> Curve:
 
 
 def _amplitude(done: Response, phase: Curve, part: slice) -> float:
-    """Fit a sine and a straight line to a part of the speed; return the amplitude of the sine (rad/s).
+    """Fit a sine and a straight line to a part of a drive's speed; return the sine's amplitude (rad/s).
 
     The speed is the mean over each tick, from the angle: encoder steps and ripple are noise, averaged out by the fit.
     """

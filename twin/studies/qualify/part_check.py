@@ -34,7 +34,7 @@ MAX_DELAY_SAMPLES = 20
 
 @dataclass(frozen=True)
 class PartAssessment:
-    """The result of checking a part.
+    """Result of checking a third-party part of the robot.
 
     Attributes:
         period: period of its calls (s).
@@ -58,7 +58,7 @@ class PartAssessment:
 def assess_part(
     part: ThirdPartyPart, experiment: Experiment, period: int, run: Trace, own: bool, say: Callable[[str], None]
 ) -> PartAssessment:
-    """Call `part` with the inputs that it would have received in `run`, and check it.
+    """Call a third-party part with the inputs that it would have received in a run, and check it.
 
     Args:
         experiment: experiment of the run.
@@ -90,7 +90,10 @@ def assess_part(
 
 @dataclass(frozen=True)
 class _Bench:
-    """A bench with a new instance of the part per check, after the last one is freed: some parts allow only one."""
+    """Provider of a new part instance for each check, created after the last one is freed.
+
+    Some parts allow only one instance.
+    """
 
     part: ThirdPartyPart
     experiment: Experiment
@@ -106,7 +109,7 @@ class _Bench:
 
 
 def _scoring_checks(part: ThirdPartyPart, has_tasks: bool) -> Iterator[Check]:
-    """Yield a note on measures and claims that cannot be scored, because the part lacks an output of twin's own."""
+    """Yield a note on measures and claims that cannot be scored because a part lacks an output."""
     ports = {f"{part.role}.{port.name}" for port in part.outputs}
     figure, series = ("fig5", FIG5_SERIES) if has_tasks else ("fig4", FIG4_SERIES)
     missing = [name for name in series if name.startswith(f"{part.role}.") and name not in ports]
@@ -119,7 +122,7 @@ def _scoring_checks(part: ThirdPartyPart, has_tasks: bool) -> Iterator[Check]:
 
 
 def _fmu_checks(bench: _Bench, inputs: Inputs, first: PartCalls) -> Iterator[Check]:
-    """Yield checks of reset and of saving and restoring the state, which no run needs."""
+    """Yield checks of a part's reset and of saving and restoring its state, which no run needs."""
     if bench.part.fmu is None:
         return
     if not isinstance(bench.part.fmu, FmuDescription):
@@ -142,7 +145,7 @@ def _fmu_checks(bench: _Bench, inputs: Inputs, first: PartCalls) -> Iterator[Che
 
 
 def _state_checks(bench: _Bench, inputs: Inputs) -> Iterator[Check]:
-    """Yield a check of whether the part continues identically from a restored state."""
+    """Yield a check of whether a part continues identically from a restored state."""
     with bench.make_component() as component:
         if lacking := component.lacks_state(portable=False):
             yield Check("state", "note", f"{lacking}; a run does not need it")
@@ -156,7 +159,7 @@ def _state_checks(bench: _Bench, inputs: Inputs) -> Iterator[Check]:
 
 
 def _latency_check(bench: _Bench, first: PartCalls) -> Check:
-    """Check whether outputs respond to inputs at the same sample, as twin assumes, or later."""
+    """Check whether a part's outputs respond to inputs at the same sample, as twin assumes, or later."""
     if not bench.part.inputs:
         return Check("instant", "ok", "takes no inputs")
     k = min(len(first.rows) // 2, MAX_REPEATED_CALLS)
@@ -177,7 +180,7 @@ def _latency_check(bench: _Bench, first: PartCalls) -> Check:
 
 
 def _compare_repetition(who: str, first: PartCalls, again: PartCalls) -> tuple[bool, str]:
-    """Compare two runs of a part; return whether they are equal, and the result as a phrase about `who`."""
+    """Compare two series of a part's calls; return whether they are equal, and a phrase on the result."""
     n = min(len(first.rows), len(again.rows))
     same = not again.failure and bool(np.array_equal(first.rows[:n], again.rows[:n]))
     outcome = again.failure or "gives " + ("the same bits" if same else "other outputs from the same inputs")
@@ -230,7 +233,7 @@ def part_check(
 
 
 def contracts() -> Result:
-    """Return the ports of every role that a third-party part can take."""
+    """Return a report of the ports of every role that a third-party part can take."""
     facts = {
         role: {
             side: [
@@ -249,13 +252,16 @@ def contracts() -> Result:
 
 
 def _absolute(part: str) -> str:
-    """Return `part` as an absolute path if it exists; an experiment resolves relative paths from its own folder."""
+    """Return the path of a part as an absolute path if it exists.
+
+    An experiment resolves relative paths from its own folder.
+    """
     file, colon, name = part.rpartition(":") if ".py:" in part else (part, "", "")
     return f"{Path(file).absolute()}{colon}{name}" if os.path.exists(file) else part
 
 
 def part_result(done: PartAssessment) -> Result:
-    """Return the report of a part's check."""
+    """Return the report of a third-party part's check."""
     part, label = done.part, done.part.label
     units = {port.name: port.unit for port in part.outputs}
     rows = [
@@ -279,7 +285,7 @@ def _difference(apart: float, unit: str) -> str:
 
 
 def component_facts(done: PartAssessment) -> dict[str, object]:
-    """Convert the assessment to a dictionary for JSON, SI."""
+    """Convert the check of a third-party part to a dictionary for JSON, SI."""
     part = done.part
     return {
         "role": part.role,
@@ -295,7 +301,7 @@ def component_facts(done: PartAssessment) -> dict[str, object]:
 
 
 def _contract(role: str) -> Table:
-    """Return the table of the ports of a role."""
+    """Return a table of the ports of a role that a third-party part can take."""
     contract = ROLE_CONTRACTS[role]
     rows = [
         (arrow, _port_text(port), port.unit, port.meaning + " (needed)" * (port.name in needed))

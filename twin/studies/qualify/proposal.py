@@ -48,7 +48,7 @@ MAX_PARTS = 50
 
 
 def proposal(description: FmuDescription) -> tuple[str, bool]:
-    """Return (text of a mapping.toml for the folder of the FMU, whether it is complete); it pins the FMU's hash."""
+    """Return (text of a mapping.toml for an FMU as a drive, whether it is complete); it pins the FMU's hash."""
     command, found, sure = interpret_variables(description.path.name, description.variables)
     head = [
         "# How the drive contract's roles are filled by "
@@ -64,7 +64,7 @@ def proposal(description: FmuDescription) -> tuple[str, bool]:
 
 
 def _command_lines(command: Command, sure: bool) -> list[str]:
-    """Return the lines for the command, the sign and the gear ratio of a drive."""
+    """Return the lines of a mapping.toml for command, sign and gear ratio of a drive."""
     doubt = "" if sure else "   # or one of: " + ", ".join(f'"{other}"' for other in COMMAND_ROLES if other != command)
     return [
         f'command = "{command}"{doubt}',
@@ -74,7 +74,7 @@ def _command_lines(command: Command, sure: bool) -> list[str]:
 
 
 def interpret_variables(file: str, variables: Mapping[str, Variable]) -> tuple[Command, RoleChoice, bool]:
-    """Choose the command and the variables of a drive; return (command, choice, whether it is unambiguous).
+    """Choose the kind of command and the variables of an unmapped drive.
 
     Args:
         file: name of the drive in error messages.
@@ -97,7 +97,7 @@ def interpret_variables(file: str, variables: Mapping[str, Variable]) -> tuple[C
 
 
 def roles_text(variables: Mapping[str, Variable], found: RoleChoice, command: Command) -> str:
-    """Return the tables [inputs] and [outputs]."""
+    """Return the tables [inputs] and [outputs] of a proposed mapping.toml."""
     return "".join(_table(variables, found, drive_roles(command), side) for side in ("input", "output"))
 
 
@@ -115,7 +115,10 @@ def _table(variables: Mapping[str, Variable], found: RoleChoice, roles: Sequence
 
 
 def _doubtful_lines(variables: Mapping[str, Variable], found: RoleChoice, role: Role) -> list[str]:
-    """Return the only candidate as a line, several as comments; nothing for an optional role."""
+    """Return the lines of a mapping.toml for a role without a clear variable.
+
+    The only candidate is a line, several are comments; nothing for an optional role.
+    """
     if not role.required:
         return []
     offered = candidates(variables, role, found.chosen.values())
@@ -130,12 +133,12 @@ def _line(role: Role, name: str, variable: Variable) -> str:
 
 
 def toml_string(name: str) -> str:
-    """Return `name` as a TOML string."""
+    """Format a text as a TOML string."""
     return json.dumps(name, ensure_ascii=False)
 
 
 class KnownWire(NamedTuple):
-    """A connection of an output to an input, "part.variable" each, and why twin does not support it; "" if it does."""
+    """A connection of an output to an input, "part.variable" each, and the reason if twin does not support it."""
 
     source: str
     target: str
@@ -143,7 +146,7 @@ class KnownWire(NamedTuple):
 
 
 def part_names(files: Iterable[Path]) -> list[str]:
-    """Return a table name for each FMU: its file name, with a number if another has the same."""
+    """Return a table name for each FMU of a drive: its file name, with a number if another has the same."""
     names: list[str] = []
     for file in files:
         name = re.sub(r"\W+", "_", file.stem, flags=re.ASCII).strip("_") or "part"
@@ -193,7 +196,7 @@ def parts_proposal(
 
 
 def _wire_remarks(variables: Mapping[str, Variable], connections: Sequence[KnownWire]) -> list[tuple[str, str, str]]:
-    """Return (input, output, reason why it is left out) of each connection."""
+    """Return (input, output, reason why it is left out) of each connection of a drive of several FMUs."""
     wires: list[tuple[str, str, str]] = []
     for source, target, remark in connections:
         remark = remark or wire_error(variables, source, target)
@@ -212,14 +215,14 @@ def _wire_line(variables: Mapping[str, Variable], target: str, source: str, rema
 
 
 class NewMapping(NamedTuple):
-    """A mapping.toml that was written, and whether it is complete."""
+    """A mapping.toml that was written for a drive, and whether it is complete."""
 
     mapping: Path
     complete: bool
 
 
 def write_mapping(named: Sequence[str], start: Path) -> NewMapping:
-    """Write the mapping of an FMU, of several that form one drive, or of the system in an SSP archive.
+    """Write the mapping.toml of an FMU, of several that form one drive, or of the system in an SSP archive.
 
     The mapping is written to the folder of the first FMU. FMUs of an SSP are extracted to a folder of its name next to
     the archive; a drive of the installed package is first copied to a folder of its name in the current folder.
@@ -272,7 +275,7 @@ def _from_system(file: Path) -> NewMapping:
 
 
 def _fmu_entries(package: Package) -> dict[str, str]:
-    """Return part name -> entry of its FMU in the archive."""
+    """Return the archive entry of each FMU in an SSP, by part name."""
     found = package.structure.system.elements
     if not found or len(found) > MAX_PARTS:
         raise InputRefused(f"{package.file}: {len(found)} parts; expected 1 to {MAX_PARTS}")
@@ -289,7 +292,7 @@ def _fmu_entries(package: Package) -> dict[str, str]:
 
 
 def _known_wire(connection: Connection, names: dict[str, str]) -> KnownWire | None:
-    """Convert a connection of an SSP; None if it involves the system's own connectors."""
+    """Convert a connection of an SSP to a wire between parts; None if it involves the system's own connectors."""
     ends = connection.start, connection.end
     if not all(end.element for end in ends):
         return None
@@ -310,7 +313,10 @@ def _write_fmu(fmu: Path, content: bytes) -> None:
 
 
 def _own_copy(fmu: Path) -> Path:
-    """Return `fmu`, or a copy in the current folder if it belongs to an installation, which must not be changed."""
+    """Return an FMU's path, or that of a copy in the current folder if it belongs to an installation.
+
+    An installation must not be changed.
+    """
     if not fmu.is_relative_to(WHEEL_FOLDER):
         return fmu
     copy = Path.cwd() / fmu.stem / fmu.name
@@ -321,7 +327,7 @@ def _own_copy(fmu: Path) -> Path:
 
 
 def _new_mapping_path(folder: Path) -> Path:
-    """Return the path of the mapping in `folder`; refuse an existing one."""
+    """Return the path of a new mapping.toml in a folder; refuse an existing one."""
     mapping = Path(os.path.relpath(folder / MAPPING_FILE))
     if os.path.lexists(mapping):
         raise InputRefused(f"{mapping}: exists, and is never overwritten; move it away for a new one")

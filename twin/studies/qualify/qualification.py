@@ -54,7 +54,7 @@ T = TypeVar("T")
 
 
 def lifecycle_findings(plan: DrivePlan, apart: bool) -> list[Finding]:
-    """Check `reset`, `state` and `written` of every FMU separately, with constant inputs.
+    """Check reset, saved state and serialised state of each FMU of a drive separately.
 
     An FMU that continues differently from its restored state is marked as stateless.
 
@@ -69,7 +69,7 @@ def lifecycle_findings(plan: DrivePlan, apart: bool) -> list[Finding]:
 
 
 def check_fields(reporter: Reporter, table: Drive, name: str) -> dict[str, str]:
-    """Run a check of the drive of `table` and return its fields; a job of the guard."""
+    """Run one check of a drive in a process of its own and return its fields."""
     return asdict(_bookkeeping_check(name, plan_drive(table)))
 
 
@@ -107,14 +107,14 @@ def _bookkeeping_check(name: str, plan: DrivePlan) -> Check:
 
 
 def _reset_problem(instance: Instance, inputs: list[Setting], outputs: list[Variable]) -> str:
-    """Check that a run after reset equals the first; return an error message or ""."""
+    """Check that an FMU runs identically after a reset; return an error message or ""."""
     first = _exercise(instance, inputs, outputs)
     instance.reset()
     return "" if np.array_equal(first, _exercise(instance, inputs, outputs)) else "a run after reset is another one"
 
 
 def _state_problem(instance: Instance, inputs: list[Setting], outputs: list[Variable]) -> str:
-    """Check saving and restoring the state; return an error message or ""."""
+    """Check that an FMU saves and restores its state; return an error message or ""."""
     if not instance.description.interface.canGetAndSetFMUstate:
         return "not offered"
     _exercise(instance, inputs, outputs)
@@ -137,7 +137,7 @@ CHECK_FUNCTIONS: dict[str, Callable[[Instance, list[Setting], list[Variable]], s
 def _serialization_problem(
     plan: DrivePlan, part: str, instance: Instance, inputs: list[Setting], outputs: list[Variable]
 ) -> str:
-    """Check that another process can continue from the serialized state; return an error message or ""."""
+    """Check that another process can continue from an FMU's serialised state; return an error message or ""."""
     if not instance.description.interface.canSerializeFMUstate:
         return "not offered"
     if instance.description.kind == "model_exchange":
@@ -155,7 +155,7 @@ def _serialization_problem(
 def continue_from_state(
     reporter: Reporter, table: Drive, part: str, content: bytes, schedule: list[bytes]
 ) -> list[list[float]]:
-    """Continue an FMU from a state serialized by another process and return its outputs; a job of the guard."""
+    """Continue an FMU in this process from a state serialised by another process, and return its outputs."""
     plan = plan_drive(table)
     description = plan.parts[part]
     inputs, outputs = _excitation(plan, part), _readable_outputs(plan, part, description)
@@ -175,7 +175,7 @@ def continue_from_state(
 def _exercise(
     instance: Instance, inputs: list[Setting], outputs: list[Variable], first: int = 0, count: int = EXERCISE_TICKS
 ) -> np.ndarray:
-    """Advance the instance by `count` steps from tick `first` on and return its outputs (ticks, values)."""
+    """Advance an FMU by `count` steps from tick `first` on and return its outputs (ticks, values)."""
     rows = []
     for k in range(first, first + count):
         instance.write(inputs)
@@ -185,7 +185,7 @@ def _exercise(
 
 
 def _excitation(plan: DrivePlan, part: str) -> list[Setting]:
-    """Return constant values, in the FMU's own units, for the inputs of `part` in the drive contract."""
+    """Return constant values, in the FMU's own units, for a drive part's inputs."""
     loop = plan.table.velocity_loop
     wanted = {
         "omega_ref": SPEED_IN_USE,
@@ -200,7 +200,7 @@ def _excitation(plan: DrivePlan, part: str) -> list[Setting]:
 
 
 def _readable_outputs(plan: DrivePlan, part: str, description: FmuDescription) -> list[Variable]:
-    """Return the outputs of `part`, and its other variables that have a role."""
+    """Return the outputs of a drive part's FMU, and its other variables that have a role."""
     roles = [b.variable for b in plan.bindings if b.role.causality == "output" and belongs(part, b.name)]
     # Variables updated by a clock can only be read while it ticks.
     return [v for v in {v.name: v for v in (*roles, *description.variables_of("output"))}.values() if not v.clocks]
@@ -208,7 +208,7 @@ def _readable_outputs(plan: DrivePlan, part: str, description: FmuDescription) -
 
 @dataclass(frozen=True)
 class BenchCurves:
-    """The curves behind the findings; None where the drive failed.
+    """Curves of a drive's qualification; None where the drive failed.
 
     Attributes:
         cycle: response to the work cycle: rest, a step of the command, a step of the load.
@@ -224,7 +224,7 @@ class BenchCurves:
 
 @dataclass(frozen=True)
 class Qualification:
-    """The judgement of a drive.
+    """Judgement of a drive by all checks and measures.
 
     Attributes:
         checks, measures: all checks of `CHECK_MEANINGS` that could be made, and all measures of `MEASURE_DEFINITIONS`.
@@ -244,11 +244,11 @@ class Qualification:
         return tuple(check.name for check in self.checks if check.verdict == "FAIL")
 
     def value(self, name: str) -> float | None:
-        """Return the value of the measure `name`; None if it cannot be measured."""
+        """Return the value of one of the drive's measures; None if it cannot be measured."""
         return next(measure.value for measure in self.measures if measure.name == name)
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert the qualification to a dictionary for JSON, without the curves; SI units."""
+        """Convert a drive's qualification to a dictionary for JSON, without the curves; SI units."""
         return {
             "drive": self.plan.label,
             **({"sha256": self.plan.system.sha256} if self.plan.system else {}),
@@ -284,7 +284,7 @@ class Qualification:
 
 
 def qualify_drive(table: Drive, apart: bool = False) -> Qualification:
-    """Qualify a drive by all checks and measures, in this process: an FMU that crashes takes the process with it.
+    """Qualify a drive by all checks and measures, in this process.
 
     Args:
         apart: whether checks that no experiment needs have processes of their own. Instances are then not freed in this
@@ -315,7 +315,7 @@ def qualify_drive(table: Drive, apart: bool = False) -> Qualification:
 
 
 def _unit_doubts(done: Qualification) -> Iterator[str]:
-    """Yield sentences on implausible droop and stall torque, which suggest that the load is in another unit.
+    """Yield sentences on implausible droop and stall torque, which suggest that a drive's load has another unit.
 
     Raises:
         ComponentFailed: the drive failed under a held load.
@@ -339,14 +339,17 @@ def _unit_doubts(done: Qualification) -> Iterator[str]:
 
 
 class Attempts:
-    """Collector of findings and failures; a drive that fails in one run is still tried in the next."""
+    """Collector of a qualification's findings and failures.
+
+    A drive that fails in one run is still tried in the next.
+    """
 
     def __init__(self) -> None:
         self.findings: list[Finding] = []
         self.failures: list[str] = []
 
     def attempt(self, run: Callable[[], T]) -> T | None:
-        """Return the result of `run`; None, and the failure recorded, if the drive failed."""
+        """Return the result of a run of the drive; None, and the failure recorded, if the drive failed."""
         try:
             return run()
         except ComponentFailed as failure:
@@ -354,12 +357,12 @@ class Attempts:
             return None
 
     def collect(self, examination: Callable[[], Sequence[Finding]]) -> None:
-        """Add the findings of `examination`."""
+        """Add the findings of an examination of the drive; a failure of the drive is recorded instead."""
         self.findings += self.attempt(examination) or ()
 
 
 def _qualification(plan: DrivePlan, attempts: Attempts, curves: BenchCurves) -> Qualification:
-    """Assemble the qualification, with checks and measures in the order of their definitions."""
+    """Assemble a drive's qualification, with checks and measures in the order of their definitions."""
     roles = ", ".join(binding.port.name for binding in plan.bindings)
     axes = "; three axes commanded alike, the first measured" if plan.axes == 3 else ""
     failures = list(dict.fromkeys(attempts.failures))

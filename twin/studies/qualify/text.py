@@ -47,7 +47,7 @@ TIME_BEFORE, TIME_AFTER = 0.02, 0.25
 
 
 def qualification_result(facts: dict[str, Any], references: str, picture: Path, holds: bool) -> Result:
-    """Return the report of a qualification: the verdict, then the evidence.
+    """Return the report of a drive's qualification: the verdict, then the evidence.
 
     Args:
         facts: dictionary of `Qualification.to_dict`, with additions.
@@ -75,7 +75,7 @@ def qualification_result(facts: dict[str, Any], references: str, picture: Path, 
 
 
 def measures_table(checked: Sequence[Mapping[str, Any]]) -> str:
-    """Return a Markdown table of the measures, one line per drive.
+    """Return a Markdown table of several drives' measures, one line per drive.
 
     Args:
         checked: dictionaries of `Qualification.to_dict`.
@@ -90,7 +90,7 @@ def measures_table(checked: Sequence[Mapping[str, Any]]) -> str:
 
 
 def compare_blocks(compared: DriveTrials) -> list[Block]:
-    """Return a line per drive, reasons for missing values, and the paired differences to the first drive."""
+    """Return the report of compared drives: a line per drive, missing values, differences to the first drive."""
     trials = compared.trials
     # The common table of measures takes precedence for work and energy, which have two definitions.
     measures = [
@@ -128,7 +128,7 @@ def compare_blocks(compared: DriveTrials) -> list[Block]:
 
 
 def shown_value(name: str, value: float) -> str:
-    """Format a measure of `COMPARED_MEASURES` in its display unit: `0.45 N`."""
+    """Format a measure of compared drives in its display unit: `0.45 N`."""
     factor, unit = _unit_shown(name)
     return f"{_digits(value, factor)} {unit}"
 
@@ -182,7 +182,7 @@ def _shorten_name(name: str, most: int) -> str:
 
 
 def draw_drive_check(done: Qualification, path: Path) -> None:
-    """Draw the picture of a qualification and write it to `path` (PNG)."""
+    """Draw a drive's qualification to `path` (PNG): step, load step, frequency response, overload."""
     verdict = "qualified" if not done.failed_checks else "NOT qualified: " + ", ".join(done.failed_checks)
     with picture(path, 11, 7, f"{done.plan.label}   {verdict}") as figure:
         (a, b), (c, d) = figure.subplots(2, 2)

@@ -77,7 +77,7 @@ BAD_OUTCOMES = ("lost", "failed", "differs", "refused")
 
 @dataclass(frozen=True)
 class Trial:
-    """An experiment shipped with an FMU; its times are taken from the FMU's default experiment.
+    """A reference experiment shipped with an FMU; its times are taken from the FMU's default experiment.
 
     Attributes:
         results, stimuli, parameters: file names; "" without such a file.
@@ -93,7 +93,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Series:
-    """Signals over time.
+    """Signals over time, read from a CSV file with reference results or inputs.
 
     Attributes:
         where: file name, for error messages.
@@ -108,7 +108,7 @@ class Series:
     others: tuple[str, ...] = ()
 
     def hold_at(self, name: str, t: Curve) -> Curve:
-        """Sample a signal at the times `t` by zero-order hold; before the first row its value."""
+        """Sample a signal at the times `t` by zero-order hold; before the first row its first value."""
         return self.signals[name][self._last(t)]
 
     def interpolate_at(self, name: str, t: Curve) -> Curve:
@@ -127,7 +127,7 @@ class Series:
 
 @dataclass(frozen=True)
 class TrialFiles:
-    """The content of a trial's files.
+    """Contents of the files of a reference experiment shipped with an FMU.
 
     Attributes:
         parameters: parameter values in the FMU's own units.
@@ -141,7 +141,7 @@ class TrialFiles:
 
 @dataclass(frozen=True)
 class ReferenceFiles:
-    """The reference files shipped with an FMU.
+    """The reference experiments shipped with an FMU.
 
     Attributes:
         unread: (name, reason) of listed experiments, parameters and results that are unsupported.
@@ -153,7 +153,7 @@ class ReferenceFiles:
 
 
 def reference_files(file: Path) -> ReferenceFiles:
-    """Find the reference files of the FMU `file`, without running or unpacking it.
+    """Find the reference experiments shipped with an FMU, without running or unpacking it.
 
     Raises:
         InputRefused: the archive or its manifest is invalid.
@@ -182,7 +182,7 @@ def reference_files(file: Path) -> ReferenceFiles:
 
 
 def _manifest_entries(file: Path, names: dict[str, int]) -> list[tuple[str, str, str]]:
-    """Return (source, role, type) of the files listed in the manifest; empty without a manifest."""
+    """Return (source, role, type) of the files listed in an FMU's manifest of reference files."""
     if MANIFEST_FILE not in names:
         return []
     where = f"{file}: {MANIFEST_FILE}"
@@ -197,7 +197,7 @@ def _manifest_entries(file: Path, names: dict[str, int]) -> list[tuple[str, str,
 
 
 def _inputs_of(results: str) -> str:
-    """Return the name of the inputs, NAME_in.csv, for results NAME_ref.csv or NAME_out.csv."""
+    """Return the name of the inputs file, NAME_in.csv, for reference results NAME_ref.csv or NAME_out.csv."""
     return re.sub(r"(_ref|_out)?\.csv$", "_in.csv", results)
 
 
@@ -210,7 +210,7 @@ def _cross_check_trials(file: Path) -> list[Trial]:
 
 
 def read_trial(file: Path, trial: Trial, description: FmuDescription) -> TrialFiles:
-    """Load the files of a trial and check them against the FMU.
+    """Load the files of a reference experiment and check them against the FMU.
 
     Raises:
         InputRefused: a file cannot be read, or does not fit the FMU.
@@ -227,7 +227,7 @@ def read_trial(file: Path, trial: Trial, description: FmuDescription) -> TrialFi
 
 
 def parameters_of(content: bytes, where: str, description: FmuDescription) -> dict[str, Value]:
-    """Parse a parameter set (SSV) with values in the FMU's own units.
+    """Parse the parameter values of a reference experiment (SSV), in the FMU's own units.
 
     Raises:
         InputRefused: a parameter is unknown, has an invalid value, or a unit different from the FMU's.
@@ -247,7 +247,7 @@ def parameters_of(content: bytes, where: str, description: FmuDescription) -> di
 
 
 def series_of(content: bytes, where: str) -> Series:
-    """Parse the signals in the CSV `content`.
+    """Parse signals over time from a CSV file's content.
 
     Raises:
         InputRefused: the content is not a table of numbers, a time is missing, invalid or descending, or a column mixes
@@ -278,7 +278,7 @@ def series_of(content: bytes, where: str) -> Series:
 
 @dataclass(frozen=True)
 class BareRun:
-    """A run of an FMU by itself.
+    """A run of an FMU by itself, without a robot.
 
     Attributes:
         step: time between two rows (s).
@@ -296,7 +296,7 @@ class BareRun:
 
 
 def bare_run(description: FmuDescription, trial: Trial, files: TrialFiles, ended: Callable[[BareRun], None]) -> None:
-    """Run the FMU in its default experiment; without a stop time, until the end of the results.
+    """Run an FMU by itself in its default experiment; without a stop time, until the end of the reference results.
 
     Args:
         files: inputs and results of the experiment.
@@ -336,7 +336,7 @@ def bare_run(description: FmuDescription, trial: Trial, files: TrialFiles, ended
 
 
 def _steps(description: FmuDescription, trial: Trial, results: Series | None) -> tuple[float, int]:
-    """Return the step size (s) and the number of steps."""
+    """Return step size (s) and number of steps of an FMU's default experiment."""
     stated = description.model.defaultExperiment
     start = _first_number(getattr(stated, "startTime", None))
     # Default stop time: the end of the results, or FMPy's default.
@@ -351,12 +351,12 @@ def _steps(description: FmuDescription, trial: Trial, results: Series | None) ->
 
 
 def _first_number(*stated: object) -> float | None:
-    """Return the first finite number in `stated`; None without any."""
+    """Return the first finite number of several stated ones; None without any."""
     return next((found for found in map(parse_number, stated) if math.isfinite(found)), None)
 
 
 def _output_ports(description: FmuDescription, results: Series | None) -> tuple[list[FmuPort], tuple[str, ...]]:
-    """Return ports of the results' variables (else outputs, a local, any), and the names without a single number."""
+    """Return FMU ports for the reference results (else outputs, a local, any), and results without a single number."""
     numbers = {v.name: v for v in description.variables.values() if v.kind >= 0}
     asked = () if results is None else (*results.signals, *results.others)
     unknown = tuple(name for name in asked if name not in numbers or numbers[name].size > 1)
@@ -381,12 +381,12 @@ def _inputs(description: FmuDescription, stimuli: Series | None) -> list[FmuPort
 
 
 def _ports(letter: str, variables: list[Variable]) -> list[FmuPort]:
-    """Return numbered ports for `variables`, whose names may contain characters invalid in wires."""
+    """Return numbered ports for FMU variables, whose names may contain characters invalid in wires."""
     return [FmuPort(Port(f"{letter}{n}", v.size, v.unit or "1"), v) for n, v in enumerate(variables)]
 
 
 def _sample_inputs(inputs: list[FmuPort], stimuli: Series | None, t: Curve) -> np.ndarray:
-    """Sample the inputs at the times `t`, (times, inputs): real numbers linearly, whole numbers by zero-order hold."""
+    """Sample an FMU's inputs at the times `t`, (times, inputs): real numbers linearly, whole numbers held."""
     if stimuli is None:
         return np.zeros((len(t), 0))
     columns = [
@@ -400,7 +400,7 @@ def _continuous(variable: Variable) -> bool:
 
 
 class SignalDeviation(NamedTuple):
-    """Largest deviation of a signal from the results, in multiples of the tolerance, and its time (s)."""
+    """Largest deviation of a signal from the reference results, in multiples of the tolerance, and its time (s)."""
 
     signal: str
     share: float
@@ -408,7 +408,7 @@ class SignalDeviation(NamedTuple):
 
 
 def deviations(run: BareRun, results: Series) -> list[SignalDeviation]:
-    """Compute the deviation of each signal of a run that is in the results."""
+    """Compute the deviation of each signal of an FMU's run from the reference results."""
     within = results.t <= (1.0 + 1e-9) * run.t[-1]
     t = results.t[within]
     if not len(t):
@@ -430,7 +430,7 @@ def deviations(run: BareRun, results: Series) -> list[SignalDeviation]:
 
 @dataclass(frozen=True)
 class ReferenceOutcome:
-    """The outcome of an experiment.
+    """Outcome of a reference experiment of an FMU.
 
     Attributes:
         word: key of `OUTCOME_MEANINGS`.
@@ -446,7 +446,7 @@ class ReferenceOutcome:
 
 @dataclass(frozen=True)
 class References:
-    """The reference files of an FMU and the outcomes of their experiments."""
+    """The reference experiments of an FMU and their outcomes."""
 
     file: Path
     reference_files: ReferenceFiles
@@ -454,11 +454,11 @@ class References:
 
     @property
     def holds(self) -> bool:
-        """Whether no experiment failed."""
+        """Whether no reference experiment failed."""
         return not any(outcome.word in BAD_OUTCOMES for outcome in self.outcomes)
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert the outcomes to a dictionary for JSON."""
+        """Convert the outcomes of the reference experiments to a dictionary for JSON."""
         return {
             "file": self.file.name,
             "unread": dict(self.reference_files.unread),
@@ -468,7 +468,7 @@ class References:
 
 
 def references(file: Path, apart: bool, limits: JobLimits = JobLimits()) -> References | None:  # noqa: B008, it is frozen
-    """Run the reference experiments of the FMU `file`; None without reference files.
+    """Run the reference experiments shipped with an FMU; None without any.
 
     Args:
         apart: whether each experiment has a process of its own, so that a crash costs only that experiment.
@@ -487,7 +487,7 @@ def references(file: Path, apart: bool, limits: JobLimits = JobLimits()) -> Refe
 
 
 def outcome_fields(reporter: Reporter, file: str, number: int) -> dict[str, Any]:
-    """Run the trial `number` of the FMU `file` and return the fields of its outcome; a job of the guard."""
+    """Run one reference experiment of an FMU in a process of its own and return the fields of its outcome."""
     trial = reference_files(Path(file)).trials[number]
     return asdict(outcome_of(Path(file), trial, lambda outcome: reporter.note(outcome=asdict(outcome))))
 
@@ -511,7 +511,10 @@ def _isolate_trial(file: Path, number: int, trial: Trial, limits: JobLimits) -> 
 def outcome_of(
     file: Path, trial: Trial, ended: Callable[[ReferenceOutcome], None] = lambda outcome: None
 ) -> ReferenceOutcome:
-    """Run an experiment of an FMU in this process; `ended` is called with the outcome before the FMU is freed."""
+    """Run one reference experiment of an FMU in this process and compare it with the reference results.
+
+    `ended` is called with the outcome before the FMU is freed, which crashes some FMUs.
+    """
     outcomes: list[ReferenceOutcome] = []
 
     def judge(run: BareRun) -> None:
@@ -560,7 +563,7 @@ def _judge_run(name: str, run: BareRun, results: Series | None) -> ReferenceOutc
 
 
 def drive_references(table: Drive, apart: bool) -> list[References]:
-    """Run the reference experiments of each FMU of a drive, bare, without the drive's mapping and parameters.
+    """Run the reference experiments of each FMU of a drive, without the drive's mapping and parameters.
 
     Args:
         apart: see `references`.
@@ -576,13 +579,13 @@ def drive_references(table: Drive, apart: bool) -> list[References]:
 
 
 def refusal_answer(came: Sequence[References], refusal: str) -> Answer:
-    """Return the answer for an FMU refused as a drive, after its reference experiments ran; `refused` is the reason."""
+    """Return the answer for an FMU that is refused as a drive after its reference experiments ran."""
     facts = {"qualified": False, "refused": refusal, "references": [one.to_dict() for one in came]}
     return Answer(references_text(came), facts, 2)
 
 
 def references_text(found: Sequence[References]) -> str:
-    """Return the list of the reference experiments of each FMU with their outcomes."""
+    """List the reference experiments of each FMU of a drive with their outcomes, as text."""
     lines = []
     for one in found:
         lines += wrap_text(f"came with {one.file.name}:")

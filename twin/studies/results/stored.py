@@ -44,7 +44,7 @@ MAX_LISTED_FILES = 10
 
 @dataclass(frozen=True)
 class StoredRun:
-    """A run's folder, results/EXPERIMENT/TIME, or results/NAME with a name chosen by the user.
+    """A stored run: its folder in results/, named by experiment and time, or by the user.
 
     Attributes:
         folder: folder of the run.
@@ -60,7 +60,7 @@ class StoredRun:
 
     @cached_property
     def has_user_name(self) -> bool:
-        """Whether the user chose the name of the folder, even if it looks like a time."""
+        """Whether the user chose the name of the run's folder, even if it looks like a time."""
         if (
             self.is_top_level
             or not FOLDER_STAMP.fullmatch(self.folder.name)
@@ -71,7 +71,7 @@ class StoredRun:
 
     @property
     def experiment(self) -> str:
-        """Name of the experiment: the name of the parent folder, or the recorded name if the user chose the folder."""
+        """Name of the run's experiment: the parent folder's name, or the recorded name if the user chose the folder."""
         if not self.has_user_name:
             return self.folder.parent.name
         return self._recorded_name or self.folder.name
@@ -86,12 +86,12 @@ class StoredRun:
 
     @cached_property
     def size(self) -> int:
-        """Size of all files in the folder (bytes)."""
+        """Size of all files in the run's folder (bytes)."""
         return size_of(self.folder)
 
     @cached_property
     def metadata(self) -> dict[str, dict[str, str]]:
-        """Metadata of the recording; empty if it cannot be read."""
+        """Metadata of the run's recording; empty if it cannot be read."""
         try:
             return read_metadata(self.recording)
         except InputRefused:
@@ -124,17 +124,17 @@ class StoredRun:
 
     @cached_property
     def own_files(self) -> list[Path]:
-        """Files in the folder that match the names twin writes."""
+        """Files in the run's folder that match the names twin writes."""
         return [path for path in self._files if WRITTEN_NAMES.fullmatch(path.relative_to(self.folder).as_posix())]
 
     @property
     def other_files(self) -> list[Path]:
-        """Files in the folder that twin did not write."""
+        """Files in the run's folder that twin did not write."""
         return sorted(set(self._files).difference(self.own_files))
 
     @cached_property
     def _files(self) -> list[Path]:
-        """Files, links and empty folders in the folder, recursively; links are not followed."""
+        """Files, links and empty folders in the run's folder, recursively; links are not followed."""
         found = []
         for place, folders, names in os.walk(self.folder):
             links = [name for name in folders if os.path.islink(os.path.join(place, name))]
@@ -144,7 +144,7 @@ class StoredRun:
         return found
 
     def remove(self) -> int:
-        """Remove the files written by twin, and the folder if it is then empty; return the number of bytes removed.
+        """Remove the run's files written by twin, and its folder if it is then empty; return the removed size (bytes).
 
         Raises:
             OSError: the disk refuses.
@@ -165,7 +165,7 @@ class StoredRun:
 
 
 def stored_runs(results: Path, experiments: Sequence[str] = ()) -> list[StoredRun]:
-    """Return the runs below `results`, grouped by experiment: the newest first, then those with user-chosen names."""
+    """Return the stored runs in a folder of results, grouped by experiment: newest first, then user-named ones."""
     runs = [run for home in _folders(results) for run in _runs(home)]
     runs.sort(key=lambda run: (run.experiment, run.has_user_name))
     there = dict.fromkeys(run.experiment for run in runs)
@@ -176,13 +176,13 @@ def stored_runs(results: Path, experiments: Sequence[str] = ()) -> list[StoredRu
 
 
 def stored_run(recording: Path) -> StoredRun:
-    """Return the run that wrote `recording`; its folder is resolved from links."""
+    """Return the stored run that wrote a recording; its folder is resolved from links."""
     folder = recording.parent.resolve()
     return StoredRun(folder, recording, False)
 
 
 def other_folders(results: Path) -> dict[str, int]:
-    """Return name -> size (bytes) of the folders in `results` without runs, such as pictures of other commands."""
+    """Return the sizes (bytes) of the folders of results without runs, such as pictures of other commands."""
     return {home.name: size_of(home) for home in _folders(results) if not any(True for _ in _runs(home))}
 
 
@@ -213,13 +213,13 @@ def _runs(home: Path) -> Iterator[StoredRun]:
 
 
 class CurrentExperiments:
-    """The current experiment files, each loaded once."""
+    """Cache of the current experiment files, for comparison with stored runs."""
 
     def __init__(self) -> None:
         self._facts: dict[tuple[str, ...], dict[str, str]] = {}
 
     def differences(self, run: StoredRun) -> dict[str, tuple[str, str]]:
-        """Return key -> (then, now) of the values of `run` that would differ if it were repeated with the same options.
+        """Return the values that would differ if a stored run were repeated now: key -> (then, now).
 
         The gains of a third-party controller are not recorded, so they are not compared.
 
@@ -253,7 +253,10 @@ class CurrentExperiments:
 
 
 def describe_differences(run: StoredRun, now: CurrentExperiments) -> tuple[dict[str, tuple[str, str]], str]:
-    """Return the differences of `run`, or the reason why they cannot be listed; the other of the two is empty."""
+    """Return a stored run's differences from its experiment's current file, or why they cannot be listed.
+
+    The other of the two is empty.
+    """
     if "system" in run.metadata:
         return {}, "a system of FMUs, without an experiment"
     if "experiment" not in run.metadata:
@@ -270,7 +273,7 @@ Differences = Mapping[str, tuple[str, str]]
 def runs_text(
     results: Path, runs: Sequence[StoredRun], differences: Sequence[tuple[Differences, str]], others: Mapping[str, int]
 ) -> str:
-    """Return the list of runs: totals, then each run, the newest of each experiment first."""
+    """Return the list of stored runs as text: totals, then each run, the newest of each experiment first."""
     if not runs:
         return f"{results}: no runs; the first: twin run fig4_force_position"
     experiments = len({run.experiment for run in runs})
@@ -289,7 +292,7 @@ def runs_text(
 
 
 def run_lines(run: StoredRun) -> list[str]:
-    """Return the lines of a run: time, size and verdict, and the command to repeat it if its name is not enough."""
+    """Return the lines of a stored run: time, size and verdict, and the command to repeat it if necessary."""
     latest = "  latest" if run.latest else ""
     # A single line of any length: a wrapped command could not be copied.
     made = [f"{DETAIL_INDENT}{run_command(run.words)}"] if run.words != [run.experiment] else []
@@ -297,7 +300,7 @@ def run_lines(run: StoredRun) -> list[str]:
 
 
 def verdict(run: StoredRun) -> str:
-    """Return the result of a run in a few words."""
+    """Return the result of a stored run in a few words."""
     if not run.is_finished:
         return f"not finished: ends at {run.end_time:.3g} s"
     words = []
@@ -318,7 +321,7 @@ def verdict(run: StoredRun) -> str:
 
 
 def _measure_value(outcome: Mapping[str, Any], key: str) -> float | None:
-    """Return a measure of a summary file, which is untrusted input; None if missing or invalid."""
+    """Return a measure from a run's summary file, which is untrusted input; None if missing or invalid."""
     measures = outcome.get("measures")
     found = measures.get(key) if isinstance(measures, dict) else None
     value = found.get("value") if isinstance(found, dict) else None
@@ -326,7 +329,7 @@ def _measure_value(outcome: Mapping[str, Any], key: str) -> float | None:
 
 
 def difference_lines(differences: Differences, why: str) -> list[str]:
-    """Return the lines on differences from the current experiment file; empty without differences."""
+    """Return lines on a stored run's differences from its experiment's current file; empty without any."""
     if why:
         return wrap_text(f"not compared with its file: {why}", DETAIL_INDENT, later=8)
     lines = []
@@ -357,7 +360,7 @@ def _events(summary: Mapping[str, Any]) -> list[tuple[Any, Any, Any]]:
 
 
 def list_runs(results: Path, experiments: Sequence[str], say: Say) -> Answer:
-    """Return the answer that lists the runs in `results`, with their differences from the current experiment files.
+    """Return the list of stored runs, with their differences from the current experiment files.
 
     Args:
         experiments: experiments whose runs are listed; empty for all, and other folders in `results`.
@@ -393,7 +396,9 @@ def list_runs(results: Path, experiments: Sequence[str], say: Say) -> Answer:
 
 
 def removable_runs(results: Path, experiments: Sequence[str], keep: int) -> list[StoredRun]:
-    """Return the removable runs: of each experiment all but the newest `keep`, and but the one linked as `latest`.
+    """Return the stored runs that may be removed: of each experiment all but the newest `keep`.
+
+    The run linked as `latest` is kept, too.
 
     Runs with user-chosen names are never removable, and do not count.
     """
@@ -409,7 +414,7 @@ def removable_runs(results: Path, experiments: Sequence[str], keep: int) -> list
 
 
 def removal_text(doomed: Sequence[StoredRun]) -> str:
-    """Return the list of the runs to remove, for confirmation."""
+    """List the stored runs to be removed as text, for confirmation."""
     lines = [f"{count_text(len(doomed), 'run')}, {size_text(sum(run.size for run in doomed))}, would go:"]
     for experiment, runs in groupby(doomed, lambda run: run.experiment):
         lines += [experiment, *(line for run in runs for line in run_lines(run))]
@@ -417,7 +422,7 @@ def removal_text(doomed: Sequence[StoredRun]) -> str:
 
 
 def remove_runs(doomed: Sequence[StoredRun]) -> str:
-    """Remove the folders of `doomed` and return a sentence on the result."""
+    """Remove the folders of stored runs and return a sentence on the result."""
     size = 0
     others = sum(len(run.other_files) for run in doomed)
     for run in doomed:
@@ -433,7 +438,7 @@ def remove_runs(doomed: Sequence[StoredRun]) -> str:
 
 
 def _remaining_lines(doomed: Sequence[StoredRun]) -> list[str]:
-    """Return the lines on files in the folders of `doomed` that twin did not write."""
+    """Return lines on files in the removed runs' folders that twin did not write."""
     left = [str(path) for run in doomed for path in run.other_files]
     more = [f"  and {len(left) - MAX_LISTED_FILES} more"] if len(left) > MAX_LISTED_FILES else []
     return (

@@ -21,7 +21,7 @@ COMPANION_SETTING = 'controller.mode="position"'
 
 
 def pack_curves(curves: Mapping[str, tuple[Curve, Curve]], end: float) -> dict[str, Any]:
-    """Resample `curves` linearly at 0, `CURVE_PERIOD`, ... up to `end` (s) and encode them for JSON.
+    """Resample curves of a run at a common period and encode them for JSON.
 
     Args:
         curves: name -> (times (s), values), each (n,); times ascend.
@@ -31,7 +31,7 @@ def pack_curves(curves: Mapping[str, tuple[Curve, Curve]], end: float) -> dict[s
 
 
 def unpack_curves(stored: Mapping[str, Any]) -> tuple[Curve, dict[str, Curve]]:
-    """Decode the curves stored by `pack_curves` as (times (s), name -> values).
+    """Decode the curves of a run that `pack_curves` stored: (times (s), name -> values).
 
     Raises:
         ValueError: `stored` was not written by `pack_curves`.
@@ -48,7 +48,7 @@ def unpack_curves(stored: Mapping[str, Any]) -> tuple[Curve, dict[str, Curve]]:
 
 
 def require_fig4_claims(experiment: Experiment) -> None:
-    """Refuse an experiment unsuited to judging the claims of Fig. 4.
+    """Refuse an experiment on which the claims of Fig. 4 cannot be judged in a sweep.
 
     Raises:
         InputRefused: the experiment is too short, has massage tasks or no force control.
@@ -64,7 +64,7 @@ def require_fig4_claims(experiment: Experiment) -> None:
 
 
 def findings(runs: Fig4Runs) -> dict[str, Any]:
-    """Judge the claims of Fig. 4 and return the additional fields of a row.
+    """Judge the claims of Fig. 4 on two runs and return the additional fields of a sweep's row.
 
     Fields: "claims", key -> {"value", "verdict"}, and "curves", as `pack_curves` writes them: height (m) and forces (N)
     of both runs as estimated and, with `true_` in the name, as simulated.

@@ -18,7 +18,9 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True, eq=False)
 class CategoricalColumn:
-    """A column of texts, booleans, whole numbers or None; the value of row i is `categories[codes[i]]`.
+    """A column of a sweep's rows with texts, booleans, whole numbers or None, stored as category codes.
+
+    The value of row i is `categories[codes[i]]`.
 
     Attributes:
         codes: category index per row, (n,), int32.
@@ -30,7 +32,7 @@ class CategoricalColumn:
 
     @classmethod
     def from_values(cls, values: Sequence[Any]) -> "CategoricalColumn":
-        """Encode `values` as a column."""
+        """Encode values as a column of category codes."""
         typed = list(zip(map(type, values), values, strict=True))
         codes = {word: code for code, word in enumerate(dict.fromkeys(typed))}
         return cls(np.fromiter(map(codes.__getitem__, typed), np.int32, len(typed)), [word for _, word in codes])
@@ -42,16 +44,16 @@ class CategoricalColumn:
         return (self.categories[code] for code in self.codes.tolist())
 
     def select(self, rows: Positions | NDArray[np.bool_]) -> "CategoricalColumn":
-        """Return the column restricted to `rows`."""
+        """Return the column restricted to some rows."""
         return CategoricalColumn(self.codes[rows], self.categories)
 
     def mask(self, is_so: Callable[[Any], bool]) -> NDArray[np.bool_]:
-        """Return the rows, as a mask (n,), whose category satisfies `is_so`; called once per category."""
+        """Return the mask (n,) of the rows whose category satisfies a condition."""
         return np.array([is_so(word) for word in self.categories], bool)[self.codes]
 
     @property
     def counts(self) -> dict[Any, int]:
-        """Number of rows per category, in order of first appearance; unused categories are left out."""
+        """Number of rows per category, in order of first appearance."""
         codes, first, counts = np.unique(self.codes, return_index=True, return_counts=True)
         return {self.categories[codes[n]]: int(counts[n]) for n in np.argsort(first)}
 
@@ -77,27 +79,27 @@ class Columns:
         return len(self.numbers("run"))
 
     def numbers(self, name: str) -> Numbers:
-        """Return a numeric column, (n,)."""
+        """Return a numeric column of a sweep's rows, (n,)."""
         found = self.by_name[name]
         assert isinstance(found, np.ndarray)
         return found
 
     def categorical(self, name: str) -> CategoricalColumn:
-        """Return a categorical column, (n,)."""
+        """Return a categorical column of a sweep's rows, (n,)."""
         found = self.by_name[name]
         assert isinstance(found, CategoricalColumn)
         return found
 
     def names_in_group(self, group: str) -> dict[str, str]:
-        """Return the columns of a group: name without the prefix `group/` -> full name."""
+        """Return the columns of a group such as metrics: name without the prefix `group/` -> full name."""
         return {name.partition("/")[2]: name for name in self.by_name if name.startswith(f"{group}/")}
 
     def run_number(self, row: int) -> int:
-        """Return the run number of a row."""
+        """Return the run number of a sweep's row."""
         return int(self.numbers("run")[row])
 
     def select(self, rows: Positions | NDArray[np.bool_]) -> "Columns":
-        """Return only the given rows."""
+        """Return a sweep's columns restricted to some rows."""
         return Columns(
             {
                 name: one.select(rows) if isinstance(one, CategoricalColumn) else one[rows]
@@ -106,7 +108,7 @@ class Columns:
         )
 
     def by_run(self) -> "Columns":
-        """Return the rows sorted by run number."""
+        """Return a sweep's rows sorted by run number."""
         run = self.numbers("run")
         return self if bool(np.all(run[1:] >= run[:-1])) else self.select(np.argsort(run, kind="stable"))
 
@@ -114,7 +116,7 @@ class Columns:
 def cache_per_columns(
     work: Callable[Concatenate[Columns, Asked], Answer],
 ) -> Callable[Concatenate[Columns, Asked], Answer]:
-    """Cache the results of `work` per `Columns` object and arguments."""
+    """Decorate a function of a sweep's columns so that its results are cached per `Columns` object."""
 
     @wraps(work)
     def found(columns: Columns, *args: Asked.args, **kwargs: Asked.kwargs) -> Answer:
@@ -128,7 +130,7 @@ def cache_per_columns(
 
 
 def columns_of(rows: Sequence[Row]) -> Columns:
-    """Convert `rows` to columns, in the same order."""
+    """Convert a sweep's rows to columns, in the same order."""
     found: dict[str, Column] = {
         name: np.array([row[name] for row in rows], np.float64) for name in ("run", "seconds", "stepping_s")
     }
@@ -151,13 +153,13 @@ def columns_of(rows: Sequence[Row]) -> Columns:
 
 
 def _columns(tables: Sequence[dict[str, Any]]) -> Iterator[tuple[str, list[Any]]]:
-    """Yield (key, its value in each of `tables` or None) for every key of any table."""
+    """Yield (key, value in each of the tables or None) for every key of any table."""
     for key in dict.fromkeys(chain.from_iterable(tables)):
         yield key, [table.get(key) for table in tables]
 
 
 def concatenate_columns(parts: Sequence[Columns]) -> Columns:
-    """Concatenate the rows of `parts`; at least one part is needed."""
+    """Concatenate the rows of several `Columns`, at least one."""
     names = dict.fromkeys(chain.from_iterable(part.by_name for part in parts))
     return Columns(
         {name: _concatenate_parts([(part.by_name.get(name), len(part)) for part in parts]) for name in names}
@@ -165,7 +167,7 @@ def concatenate_columns(parts: Sequence[Columns]) -> Columns:
 
 
 def _concatenate_parts(parts: Iterable[tuple[Column | None, int]]) -> Column:
-    """Concatenate one column over parts, given as (column or None if missing, number of rows)."""
+    """Concatenate one column over several parts, some of which may lack it."""
     parts = list(parts)
     if not any(isinstance(one, CategoricalColumn) for one, _ in parts):
         return np.concatenate([np.full(n, np.nan) if one is None else one for one, n in parts])  # type: ignore[list-item]

@@ -20,7 +20,7 @@ Result = tuple[Task, dict[str, Any]]
 
 @dataclass(frozen=True)
 class Job:
-    """Data shared by all runs of a sweep.
+    """Data shared by all runs of a sweep, as sent to its worker processes.
 
     Attributes:
         experiment: experiment file.
@@ -43,7 +43,7 @@ class Job:
     files: Mapping[tuple[str | None, tuple[str, ...]], str] = field(default_factory=dict)
 
     def arguments(self, task: Task, record: str) -> dict[str, Any]:
-        """Return the arguments of `twin.studies.sweep.worker.run_task` for a run."""
+        """Return the arguments of the worker function for one run of the sweep."""
         return {
             "here": str(self.here),
             "experiment": str(self.here / self.experiment),
@@ -58,10 +58,10 @@ class Job:
 
 
 class Engine(Protocol):
-    """An executor of runs, reusable for several sweeps."""
+    """Interface of an executor of a sweep's runs, reusable for several sweeps."""
 
     def results(self, job: Job, tasks: Sequence[Task]) -> Generator[list[Result]]:
-        """Run each of `tasks` exactly once and yield the results in batches as they arrive, in any order.
+        """Make each run of a sweep exactly once and yield the results in batches as they arrive, in any order.
 
         A run that fails, crashes or hangs yields a result like any other; a result never depends on the process, the
         order or the preceding runs. Closing the generator ends everything it started; runs in progress are lost. Ctrl-C
@@ -74,13 +74,13 @@ class Engine(Protocol):
 
 
 class LocalEngine:
-    """An `Engine` with `processes` processes on this machine."""
+    """Executor of a sweep's runs in several processes on this machine."""
 
     def __init__(self, processes: int):
         self._processes = processes
 
     def results(self, job: Job, tasks: Sequence[Task]) -> Generator[list[Result]]:
-        """Run `tasks` in local processes, see `Engine.results`."""
+        """Make the runs of a sweep in local processes and yield the results."""
         with run_pool(job, min(self._processes, len(tasks))) as pool:
             for batch in pool.answers(tasks):
                 if batch:
@@ -90,12 +90,12 @@ class LocalEngine:
 
 
 def run_pool(job: Job, processes: int) -> Pool[Task, dict[str, Any]]:
-    """Return a pool of processes that execute runs with `run_facts`."""
+    """Return a pool of processes that make the runs of a sweep."""
     return Pool(processes, WORKER_JOB, job.limits, functools.partial(run_facts, job))
 
 
 def run_facts(job: Job, process: WarmProcess, task: Task) -> dict[str, Any]:
-    """Execute `task` in a worker process and return the fields of its `RunFinding`.
+    """Make one run of a sweep in a worker process and return the fields of its row.
 
     A process may die because earlier runs damaged its memory: the run is then repeated in a fresh process, so that its
     result never depends on those earlier runs. A failure that must be recorded is also repeated, with the recorder.

@@ -14,7 +14,10 @@ MAX_PRESSES = 3
 
 
 class _Presses:
-    """Ctrl-C presses of one sweep, one list entry each: append is atomic, incrementing a counter could lose a press."""
+    """The Ctrl-C presses during one sweep, one list entry each.
+
+    Append is atomic, while incrementing a counter could lose a press.
+    """
 
     def __init__(self) -> None:
         self.noted: list[int] = []
@@ -55,7 +58,10 @@ def defer_interrupts() -> Iterator[None]:
 
 
 def raise_interrupt() -> None:
-    """Raise KeyboardInterrupt if Ctrl-C was pressed, only once per sweep, so that its cleanup is not interrupted."""
+    """Raise KeyboardInterrupt if Ctrl-C was pressed during the sweep, but only once.
+
+    So the cleanup that follows is not interrupted.
+    """
     if _in_main_thread() and _presses.noted and not _presses.raised:
         _presses.raised = True
         raise KeyboardInterrupt

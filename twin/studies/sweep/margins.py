@@ -24,7 +24,9 @@ MAX_MARGIN_RUNS = 12
 
 
 def write_margins(plan: SweepPlan, found: SweepRows, folder: Path, engine: Engine, limits: JobLimits, say: Say) -> None:
-    """Write the margins of the runs with the smallest hold errors, unless they exist already or claims are judged.
+    """Compute and store the stability margins of a sweep's runs with the smallest hold errors.
+
+    Nothing is done if they exist already or claims are judged.
 
     Args:
         found: rows of `plan`, stored in `folder`.
@@ -48,7 +50,7 @@ def write_margins(plan: SweepPlan, found: SweepRows, folder: Path, engine: Engin
 
 
 def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
-    """Compute the stability margins of an experiment instead of running it; called by a worker process."""
+    """Compute the stability margins of an experiment instead of running it; called in a sweep's worker process."""
     began = time.perf_counter()
     try:
         found = force_loop_margins(load_experiment(path, settings, drive))

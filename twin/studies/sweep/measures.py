@@ -39,7 +39,7 @@ BY_KIND: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class RunFinding:
-    """The outcome of one run.
+    """The outcome of one run of a sweep.
 
     Attributes:
         status: "done"; "tripped" if the safety monitor tripped; "failed" if a component failed or the process died;
@@ -62,7 +62,7 @@ class RunFinding:
 
     @property
     def row_fields(self) -> dict[str, Any]:
-        """Fields of the row of the run, for JSON."""
+        """Outcome of a run as fields of its row, for JSON."""
         return {
             "status": self.status,
             "reason": self.reason,
@@ -75,23 +75,23 @@ class RunFinding:
 
 
 def failure(reason: str) -> dict[str, Any]:
-    """Return the row fields of a run whose process died."""
+    """Return the row fields of a sweep's run whose process died."""
     return RunFinding("failed", reason, {}, math.nan, math.nan).row_fields
 
 
 def metrics_of(outcome: "RunOutcome") -> dict[str, float | None]:
-    """Return the metrics of `outcome` by the names in `METRICS`, in their units."""
+    """Return the metrics of a run's outcome by name, in their units."""
     found = ((measure, outcome.measures[measure.key].value) for measure in MEASURE_ROWS)
     return {measure.column: None if value is None else measure.unit.per_SI * value for measure, value in found}
 
 
 def metric_names(measures: Sequence["Measure"]) -> tuple[str, ...]:
-    """Return the names of all metrics that a run of an experiment with these `measures` can have."""
+    """Return the names of all metrics that a sweep's run can have, including the experiment's own measures."""
     return METRICS + tuple(f"{measure.name}.{metric}" for measure in measures for metric in BY_KIND[measure.kind])
 
 
 def require_metric(place: str, metric: str, known: Sequence[str]) -> str:
-    """Return `metric` if it is one of `known`.
+    """Return the name of a metric after checking that it is known.
 
     Raises:
         InputRefused: the metric is unknown; the message names `place`.
@@ -102,7 +102,7 @@ def require_metric(place: str, metric: str, known: Sequence[str]) -> str:
 
 
 def meets_limits(metrics: dict[str, float | None], limits: dict[str, float]) -> bool | None:
-    """Return whether a run meets every limit, or None without limits.
+    """Return whether a run meets all limits of the sweep; None without limits.
 
     A missing metric fails its limit, except that a held force without chatter meets the limit of the chatter amplitude.
     """

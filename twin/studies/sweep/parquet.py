@@ -15,8 +15,7 @@ def write_parquet(sweep: SweepRows, path: Path) -> None:
     """Write the rows of `sweep` to a Parquet file, one per run in the order of runs; equal rows give equal bytes.
 
     Columns: run, drive, each parameter by its key, each metric, status, reason, within_limits, seconds, stepping_s,
-    key.
-    Missing values are null.
+    key. Missing values are null.
 
     Raises:
         InputRefused: pyarrow is not installed.

@@ -41,7 +41,7 @@ class _SweepTable(BaseModel):
 
 
 class Condition(_SweepTable):
-    """Condition `when = { key, value }` of a [[vary]] table: its keys vary only in runs where `key` has `value`."""
+    """Condition `when = { key, value }` of a [[vary]] table: its keys vary only if another key has that value."""
 
     key: str
     value: Value
@@ -76,20 +76,20 @@ class Vary(_SweepTable):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Every key that gets the value."""
+        """All keys of the experiment that this [[vary]] table sets to the same value."""
         return tuple(self.keys or ()) + ((self.key,) if self.key is not None else ())
 
     @property
     def label(self) -> str:
-        """The first key, which identifies the table."""
+        """First key of this [[vary]] table, which identifies the table."""
         return self.names[0] if self.names else ""
 
     def applies(self, chosen: Mapping[str, Value]) -> bool:
-        """Whether the keys vary in a run whose earlier values, by label, are `chosen`."""
+        """Whether the keys of this [[vary]] table vary in a run, given the values chosen before."""
         return self.when is None or (self.when.key in chosen and chosen[self.when.key] == self.when.value)
 
     def levels(self) -> tuple[Value, ...]:
-        """Return the levels of the keys in a grid."""
+        """Return the values that the keys of this [[vary]] table take in a grid."""
         if self.values is not None:
             return tuple(self.values)
         assert self.low is not None and self.high is not None and self.count is not None
@@ -97,7 +97,7 @@ class Vary(_SweepTable):
         return tuple(space(self.low, self.high, self.count).tolist())
 
     def quantile(self, u: float) -> Value:
-        """Return the value whose cumulative probability is `u`, 0 < u < 1: the inverse of the distribution function."""
+        """Return the value with the cumulative probability `u`, 0 < u < 1, in this [[vary]] table's distribution."""
         if self.values is not None:
             return self.values[min(int(u * len(self.values)), len(self.values) - 1)]
         if self.distribution in _DISTRIBUTION_KEYS:
@@ -169,7 +169,7 @@ DesignName = Literal["grid", "latin_hypercube", "sobol", "random", "saltelli"]
 
 
 class SweepFile(BaseModel):
-    """Content of a sweep file (TOML).
+    """Content of a sweep file (TOML): experiment, varied keys, design, drives, limits.
 
     Attributes:
         experiment: experiment file, searched from the sweep's folder upwards.
@@ -194,7 +194,7 @@ class SweepFile(BaseModel):
 
 
 def read_definition(path: Path) -> tuple[SweepFile, Path]:
-    """Load the sweep file at `path` and locate the experiment file named in it.
+    """Load a sweep file and locate the experiment file that it names.
 
     Raises:
         InputRefused: the file is missing, is not TOML, or is invalid; the message lists every error.
@@ -208,7 +208,7 @@ def read_definition(path: Path) -> tuple[SweepFile, Path]:
 
 
 def short_definition(experiment: Path, ranges: Sequence[str], drive: str | None) -> SweepFile:
-    """Parse `ranges`, each "key=from:to:count", into the definition of a grid.
+    """Convert ranges of a command line, each "key=from:to:count", to the definition of a grid sweep.
 
     Raises:
         InputRefused: a range is malformed, or a key occurs twice.
@@ -239,8 +239,7 @@ def _validate_definition(table: dict[str, Any], place: str) -> SweepFile:
 
 
 def _disagreements(definition: SweepFile) -> list[str]:
-    """Return error messages for missing, superfluous or contradictory keys of a sweep file, including its [[vary]]
-    tables."""
+    """Return error messages for missing, superfluous or contradictory keys of a sweep file."""
     sampled = definition.design != "grid"
     mistakes = [] if definition.vary or definition.drives else ["varies nothing; add a table [[vary]], or drives"]
     if sampled and definition.runs is None:
@@ -270,7 +269,7 @@ def _disagreements(definition: SweepFile) -> list[str]:
 
 
 def why_not_saltelli(tables: Sequence[Vary]) -> list[str]:
-    """Return an error message for each [[vary]] key that design = "saltelli" does not support.
+    """Return an error message for each varied key that design = "saltelli" does not support.
 
     Variance shares add up only for independent parameters, and every drawn value must differ.
     """
@@ -284,20 +283,20 @@ def why_not_saltelli(tables: Sequence[Vary]) -> list[str]:
 
 
 def _name_vary_tables(sentence: str) -> str:
-    """Replace pydantic's bracketed table names in an error message by the names in the file."""
+    """Replace pydantic's names of [[vary]] tables in an error message by the names in the sweep file."""
     return sentence.replace("[.vary.when]", "[[vary]] when:").replace("[.vary]", "[[vary]]").removeprefix("[] ")
 
 
 @dataclass(frozen=True)
 class DesignPoint:
-    """A run of the design: drive (None for the experiment's own) and chosen values by the label of their [[vary]]."""
+    """A point of a sweep's design: drive (None for the experiment's own) and value of each varied key."""
 
     drive: str | None
     parameters: dict[str, Value]
 
 
 def largest_count(definition: SweepFile) -> int:
-    """Return the number of runs if every condition holds, without generating the points."""
+    """Return an upper limit of a sweep's number of runs, without generating them: as if every condition held."""
     if definition.design == "grid":
         points = math.prod(len(vary.values) if vary.values else vary.count or 1 for vary in definition.vary)
     else:
@@ -308,7 +307,7 @@ def largest_count(definition: SweepFile) -> int:
 
 
 def points(definition: SweepFile) -> list[DesignPoint]:
-    """Generate all distinct runs of a design; each drive runs the same points, so that drives can be compared.
+    """Generate all distinct points of a sweep's design; each drive runs the same points for comparison.
 
     Raises:
         InputRefused: there are more than `MAX_PLANNED_RUNS` runs.
@@ -331,7 +330,10 @@ def points(definition: SweepFile) -> list[DesignPoint]:
 
 
 def grid(tables: list[Vary], chosen: dict[str, Value]) -> Iterator[dict[str, Value]]:
-    """Yield every combination of levels, the last table varying fastest; a table whose condition fails is skipped."""
+    """Yield every combination of the varied keys' levels, the last table varying fastest.
+
+    A table whose condition fails is skipped.
+    """
     if not tables:
         yield dict(chosen)
         return
@@ -344,7 +346,7 @@ def grid(tables: list[Vary], chosen: dict[str, Value]) -> Iterator[dict[str, Val
 
 
 def unit_cube(definition: SweepFile) -> NDArray[np.float64]:
-    """Draw the samples of the design, (runs, tables), inside 0 .. 1; the seed makes them reproducible.
+    """Draw the samples of a sweep's design, (runs, tables), inside 0 .. 1; the seed makes them reproducible.
 
     Sources: scipy.stats.qmc; Latin hypercube after McKay, Beckman and Conover (1979), Sobol' scrambled after Owen; for
     "saltelli" see `saltelli_cube`.
@@ -372,7 +374,7 @@ def _draw_point(tables: list[Vary], chosen: dict[str, Value], u: NDArray[np.floa
 
 
 def block_width(dimensions: int) -> int:
-    """Return the number of runs in a Saltelli block."""
+    """Return the number of runs in one block of a Saltelli design."""
     return dimensions + 2
 
 
@@ -399,7 +401,7 @@ def saltelli_cube(blocks: int, dimensions: int, rng: np.random.Generator) -> NDA
 
 @dataclass(frozen=True)
 class Task:
-    """A planned run.
+    """A planned run of a sweep.
 
     Attributes:
         run: number, from 1.
@@ -418,7 +420,7 @@ class Task:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """The validated plan of a sweep.
+    """The validated plan of a sweep: all of its runs.
 
     Attributes:
         name: name of the sweep file.
@@ -439,7 +441,7 @@ class SweepPlan:
 
 
 def read_plan(path: Path) -> SweepPlan:
-    """Load the sweep file at `path` and plan its runs.
+    """Load a sweep file and plan its runs.
 
     Raises:
         InputRefused: see `read_definition` and `plan_of`.
@@ -449,7 +451,7 @@ def read_plan(path: Path) -> SweepPlan:
 
 
 def plan_of(definition: SweepFile, experiment: Path, name: str, source: str, settings: Sequence[str] = ()) -> SweepPlan:
-    """Plan the runs of `definition`, after loading the first and extreme runs and reading their FMUs.
+    """Plan the runs of a sweep, after loading the first and the extreme runs.
 
     Args:
         experiment: experiment file.
@@ -481,7 +483,7 @@ def plan_of(definition: SweepFile, experiment: Path, name: str, source: str, set
 
 
 def _settings(definition: SweepFile, point: DesignPoint) -> tuple[str, ...]:
-    """Return the settings of a point for `load_experiment`; JSON and TOML write numbers, texts and booleans alike."""
+    """Return a design point's settings, "key=value"; JSON and TOML write numbers, texts and booleans alike."""
     return tuple(
         f"{name}={json.dumps(point.parameters[vary.label])}"
         for vary in definition.vary
@@ -494,8 +496,7 @@ Draft = tuple[DesignPoint, tuple[str, ...]]
 
 
 def _extremes(drafts: Sequence[Draft]) -> Iterable[Draft]:
-    """Select per drive the first run, the runs with the smallest and largest of each number, and one per other
-    value."""
+    """Select per drive the first run, the runs with the smallest and largest of each number, one per other value."""
     ends: dict[tuple[str | None, str, object], tuple[float, int]] = {}
     for number, (point, _) in enumerate(drafts):
         ends.setdefault((point.drive, "", None), (0.0, number))
@@ -509,7 +510,7 @@ def _extremes(drafts: Sequence[Draft]) -> Iterable[Draft]:
 
 
 def text_settings(settings: Sequence[str]) -> tuple[str, ...]:
-    """Return the settings whose value is a text.
+    """Return the settings whose value is a text, out of settings "key=value".
 
     A text can name a file (a body, an FMU), a number cannot. So runs with equal drive and text settings read the same
     files.
@@ -518,7 +519,7 @@ def text_settings(settings: Sequence[str]) -> tuple[str, ...]:
 
 
 def files_digest(experiment: Path, drive: str | None, settings: tuple[str, ...]) -> str:
-    """Return the hash of the files that a run reads, and of the values in them.
+    """Return the hash of the files that a run of a sweep reads, and of the values in them.
 
     Args:
         drive, settings: drive and settings of the run; only the `text_settings` count.
@@ -530,7 +531,7 @@ def files_digest(experiment: Path, drive: str | None, settings: tuple[str, ...])
 
 
 class _RunFiles:
-    """Digests of the files that runs read, cached per drive and text settings."""
+    """Cache of the hashes of files that a sweep's runs read, per drive and text settings."""
 
     def __init__(self, source: str, experiment: Path, judged: bool):
         self._source, self._experiment, self._judged = source, experiment, judged
@@ -542,11 +543,11 @@ class _RunFiles:
         return _hash([self._version, self._digest_and_pins(point, settings)[0], point.drive, settings])[:16]
 
     def pins(self, point: DesignPoint, settings: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the settings that pin the SHA-256 of each third-party part to the file found when planning."""
+        """Return settings that pin the SHA-256 of each third-party part to the file found when planning."""
         return self._digest_and_pins(point, settings)[1]
 
     def _digest_and_pins(self, point: DesignPoint, settings: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
-        """Return the cached digest and pins of the files of a run."""
+        """Return the cached hash of a run's files and the settings that pin its third-party parts."""
         files = point.drive, text_settings(settings)
         if files not in self._found:
             _, digest, parts = self.load(*files)
@@ -556,7 +557,7 @@ class _RunFiles:
         return self._found[files]
 
     def load(self, drive: str | None, settings: tuple[str, ...]) -> "tuple[Experiment, str, dict[str, str]]":
-        """Load a run; return the experiment, the digest of its files, and role -> SHA-256 of its third-party parts.
+        """Load the experiment of a run; return it with the hash of its files and the SHA-256 of its third-party parts.
 
         Raises:
             InputRefused: drive and settings make no valid experiment.
@@ -583,7 +584,7 @@ class _RunFiles:
 
 
 def _without_paths(values: Any) -> Any:
-    """Return `values` with FMU paths reduced to file names; locations have no effect, and contents are hashed."""
+    """Return values with FMU paths reduced to file names; locations have no effect, and contents are hashed."""
     if isinstance(values, dict):
         return {
             k: Path(v).name if k in FILE_KEYS and isinstance(v, str) else _without_paths(v) for k, v in values.items()

@@ -31,7 +31,7 @@ LOOSE_SHAPE = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
 
 @with_config(LOOSE_SHAPE)
 class ClaimShape(TypedDict):
-    """The stored result of a claim on a run: verdict and measured value."""
+    """JSON structure of a claim's result in a sweep's row: verdict and measured value."""
 
     verdict: str
     value: float | None
@@ -39,7 +39,7 @@ class ClaimShape(TypedDict):
 
 @with_config(LOOSE_SHAPE)
 class CurvesShape(TypedDict):
-    """Curves stored by `twin.studies.sweep.claims.pack_curves`; an empty table if a run has no curves."""
+    """JSON structure of the curves in a sweep's row; an empty table if the run has none."""
 
     period_s: NotRequired[Annotated[float, Field(gt=0, le=1e6)]]
     of: NotRequired[dict[str, str]]
@@ -47,7 +47,7 @@ class CurvesShape(TypedDict):
 
 @with_config(LOOSE_SHAPE)
 class RowShape(TypedDict):
-    """A line of rows.jsonl."""
+    """JSON structure of a line of rows.jsonl, one per run of a sweep."""
 
     run: Annotated[int, Field(ge=1, le=MAX_RUNS)]
     key: str
@@ -79,7 +79,10 @@ def load_json(text: str | bytes, shape: TypeAdapter[Any]) -> dict[str, Any] | No
 
 
 def _row(line: bytes) -> Row | None:
-    """Parse a row; None if invalid. The slower standard library is the fallback for texts the fast parser rejects."""
+    """Parse a line of a sweep's rows; None if invalid.
+
+    The slower standard library is the fallback for texts the fast parser rejects.
+    """
     try:
         found: Row = _ROW_ADAPTER.validate_json(line)
     except ValidationError:
@@ -88,11 +91,11 @@ def _row(line: bytes) -> Row | None:
 
 
 class DiskError(ComponentFailed):
-    """Failure to write a row to the disk; earlier rows are kept."""
+    """Error for a row of a sweep that cannot be written to the disk; earlier rows are kept."""
 
 
 def read_rows(path: Path) -> list[Row]:
-    """Load the complete rows of the file at `path` with all fields, oldest first; of duplicate keys the first wins.
+    """Load the complete rows of a sweep's file with all fields, oldest first; of duplicate keys the first wins.
 
     Raises:
         InputRefused: see `read_columns`.
@@ -104,7 +107,7 @@ def read_rows(path: Path) -> list[Row]:
 
 
 def read_columns(path: Path) -> tuple[Columns, int]:
-    """Load the complete rows of the file at `path` as columns; return them and their size in the file (bytes).
+    """Load the complete rows of a sweep's file as columns; return them and their size in the file (bytes).
 
     Rows are ordered oldest first; of duplicate keys the first wins. An incomplete last line, left by a power cut, is
     ignored.
@@ -122,7 +125,10 @@ def read_columns(path: Path) -> tuple[Columns, int]:
 
 
 def _whole_lines(path: Path) -> Iterator[tuple[Row, bytes, int]]:
-    """Yield (row, its line, file offset of its end) per complete line of the file at `path`; nothing without a file."""
+    """Yield (row, line, file offset of the line's end) for each complete line of a sweep's rows.
+
+    Nothing is yielded without a file.
+    """
     if not os.path.lexists(path):
         return
     end = 0
@@ -138,7 +144,7 @@ def _whole_lines(path: Path) -> Iterator[tuple[Row, bytes, int]]:
 
 
 class RowFile:
-    """A file of rows opened for appending, locked against other processes; a context manager.
+    """The file of a sweep's rows, opened for appending and locked; a context manager.
 
     Attributes:
         before: rows in the file when it was opened, oldest first.
@@ -174,7 +180,7 @@ class RowFile:
         os.close(self._fd)
 
     def add(self, batch: list[Row]) -> None:
-        """Append `batch` and flush it to the disk, so that it survives a crash or a power cut.
+        """Append rows to the sweep's file and flush it to the disk, so that they survive a crash or a power cut.
 
         Raises:
             DiskError: the disk is full or failed; nothing of the batch is then in the file.

@@ -36,7 +36,7 @@ MARGINS_FILE = "margins.json"
 
 @with_config(LOOSE_SHAPE)
 class SweepFacts(TypedDict):
-    """Content of sweep.json: the fields of `SweepRows` and the hashes shared by all runs."""
+    """JSON structure of sweep.json: the data of a sweep without its rows, and the hashes shared by all runs."""
 
     sweep: str
     runs: Annotated[int, Field(ge=1, le=MAX_RUNS)]
@@ -50,7 +50,7 @@ class SweepFacts(TypedDict):
 
 @with_config(LOOSE_SHAPE)
 class RunMargins(TypedDict):
-    """Margins of the force loop where the robot presses, the smallest over the places.
+    """Stability margins of a run's force loop, the smallest over the places where the robot presses.
 
     Attributes:
         run: run number.
@@ -70,7 +70,7 @@ _FACTS_ADAPTER, _MARGINS_ADAPTER = TypeAdapter(SweepFacts), TypeAdapter(dict[str
 
 @dataclass(frozen=True)
 class SweepRows:
-    """Content of the folder of a sweep.
+    """A stored sweep: its definition and the rows of its finished runs.
 
     Attributes:
         name: name of the sweep.
@@ -96,12 +96,15 @@ class SweepRows:
 
     @cached_property
     def rows(self) -> list[Row]:
-        """Rows as written, with curves, sorted by run; loading them takes ten times as long as loading columns."""
+        """Rows of the sweep as written, with curves, sorted by run.
+
+        Loading them takes ten times as long as loading columns.
+        """
         return sorted(self.read(), key=lambda row: row["run"])
 
 
 def claim(folder: Path, plan: "SweepPlan") -> None:
-    """Write sweep.json of `plan` to `folder`, or check that the folder already belongs to the same plan.
+    """Claim a folder for a sweep: write sweep.json, or check that the folder already belongs to the same plan.
 
     Raises:
         InputRefused: the folder belongs to another sweep, or cannot be created.
@@ -134,7 +137,7 @@ def claim(folder: Path, plan: "SweepPlan") -> None:
 
 
 def stored_sweep(folder: Path) -> SweepRows:
-    """Load the sweep in `folder`.
+    """Load the sweep stored in a folder.
 
     Raises:
         InputRefused: the folder has no sweep, or see `read_columns`.
@@ -156,7 +159,7 @@ def stored_sweep(folder: Path) -> SweepRows:
 
 
 def _read_json(path: Path, shape: TypeAdapter[Any]) -> dict[str, Any]:
-    """Load and validate a JSON file; return {} if it is missing."""
+    """Load and validate a JSON file of a sweep's folder; return {} if it is missing."""
     if not os.path.lexists(path):
         return {}
     facts = load_json(read_bytes(path), shape)

@@ -99,7 +99,7 @@ def short_sweep(
     yes: bool,
     say: Say,
 ) -> Answer:
-    """Run the grid of `twin run --sweep`; the arguments are its options.
+    """Run the grid sweep that the option --sweep of `twin run` describes.
 
     Raises:
         InputRefused, StudyInterrupt, TwinError: see `sweep_run`.
@@ -121,7 +121,7 @@ def short_sweep(
 
 
 def check_start(place: str, definition: "SweepFile", sure: bool) -> None:
-    """Ask for confirmation before a sweep of many runs, unless `sure`.
+    """Ask for confirmation before a sweep of many runs, unless it is confirmed already.
 
     Raises:
         InputRefused: sweeps are unsupported on this system, or the number of runs was not confirmed.
@@ -141,7 +141,7 @@ def check_start(place: str, definition: "SweepFile", sure: bool) -> None:
 
 
 def _check_plan(plan: "SweepPlan", by: str | None, sure: bool) -> "SweepPlan":
-    """Return `plan` after checking its metric and, unless `sure`, the duration of a run; an estimate needs both too."""
+    """Check the metric of a sweep's plan and, unless confirmed, the duration of a run; return the plan."""
     from twin.studies.sweep.statistics.ranking import require_rank
 
     if by:
@@ -197,7 +197,7 @@ def complete_sweep(
     by: str | None = None,
     as_json: bool = False,
 ) -> Answer:
-    """Run the runs of `plan` that have no row in `folder`, and return the answer on all rows.
+    """Make the runs of a sweep that have no row yet, and return the answer on all rows.
 
     Exit code 1: no run has metrics.
 
@@ -246,6 +246,6 @@ def complete_sweep(
 
 
 def rows_to_dict(found: "SweepRows") -> dict[str, Any]:
-    """Return the sweep and its rows for JSON, without the curves."""
+    """Convert a sweep and its rows for JSON, without the curves."""
     rows = [{key: value for key, value in row.items() if key != "curves"} for row in found.rows]
     return {"sweep": found.name, "runs": found.runs, "limits": found.limits, "rows": rows}

@@ -26,7 +26,7 @@ time."""
 
 @dataclass(frozen=True)
 class SweepState:
-    """The progress of a sweep.
+    """Progress of a running sweep.
 
     Attributes:
         done, total: number of runs with a row, number planned.
@@ -45,12 +45,12 @@ class SweepState:
 
     @property
     def rate(self) -> float:
-        """Runs per second; 0 while unknown."""
+        """Runs of the sweep completed per second; 0 while unknown."""
         return (self.done - self.began_with) / self.elapsed if self.elapsed else 0.0
 
     @property
     def remaining(self) -> float | None:
-        """Wall time to the end (s); None while unknown."""
+        """Estimated wall time to the end of the sweep (s); None while unknown."""
         return (self.total - self.done) / self.rate if self.rate else None
 
 
@@ -62,7 +62,7 @@ def run_sweep(
     limits: JobLimits = JobLimits(),  # noqa: B008, it is frozen
     show: Callable[[SweepState], None] = lambda state: None,
 ) -> None:
-    """Run the runs of `plan` that have no row in `folder` yet.
+    """Make the runs of a sweep that have no row in the folder yet, and store each row as it arrives.
 
     Args:
         engine: executor of the runs.
@@ -96,7 +96,10 @@ def run_sweep(
 
 
 class _Tally:
-    """Incremental summary of the rows, updated per batch: rescanning all rows each time would take quadratic time."""
+    """Incremental summary of a sweep's rows, updated per batch.
+
+    Rescanning all rows each time would take quadratic time.
+    """
 
     def __init__(self, total: int, before: Columns):
         self._total, self._before, self._began = total, len(before), time.monotonic()
@@ -123,7 +126,7 @@ class _Tally:
 
 @dataclass(frozen=True)
 class SweepEstimate:
-    """The cost of the runs of a sweep.
+    """Estimated cost of the runs of a sweep in time and disk space.
 
     Attributes:
         start: time from the start of a worker to the end of its first run (s).
@@ -136,12 +139,12 @@ class SweepEstimate:
     size: float
 
     def total(self, runs: int, processes: int) -> tuple[float, float]:
-        """Return (wall time (s), bytes) of `runs` runs in `processes` processes that do not slow each other."""
+        """Return (wall time (s), bytes) of many runs in several processes that do not slow each other."""
         return self.start + self.run * -(-runs // processes), self.size * runs
 
 
 def measure_cost(plan: SweepPlan, record: str, limits: JobLimits = JobLimits()) -> tuple[SweepEstimate, Row]:  # noqa: B008, it is frozen
-    """Measure the cost of a run of `plan` by making its first run twice; return the estimate and the row of the run."""
+    """Measure the cost of a sweep's run by making the first run twice; return the estimate and the run's row."""
     with held_folder() as scratch:
         began = time.monotonic()
         job = _job(plan, scratch, record, limits)
@@ -183,7 +186,7 @@ def state_text(state: SweepState) -> str:
 
 
 def estimate_text(name: str, runs: int, processes: int, estimate: SweepEstimate, first: dict[str, Any]) -> str:
-    """Format the estimated time and disk space of `runs` runs, and the measured run behind the estimate."""
+    """Format the estimated time and disk space of a sweep, and the measured run behind the estimate."""
     seconds, size = estimate.total(runs, processes)
     many = "process" if processes == 1 else "processes"
     reason = f": {first['reason']}" if first["reason"] else ""

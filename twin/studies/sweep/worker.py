@@ -46,7 +46,7 @@ def run_task(
     record: str,
     files: str,
 ) -> dict[str, Any]:
-    """Make one run and return the fields of its `RunFinding`; called once per run in a worker process.
+    """Make one run of a sweep in a worker process and return the fields of its row.
 
     A recorded run is made twice: measuring must not depend on the recorder, and the good runs of a sweep that records
     failures never use it.
@@ -88,13 +88,13 @@ files_here = functools.cache(files_digest)
 
 @functools.cache
 def _freeze_objects() -> None:
-    """Exclude the objects of the first run, which all later runs use, from garbage collection."""
+    """Exclude the objects that all runs of a sweep use from garbage collection, after the first run."""
     gc.collect()
     gc.freeze()
 
 
 def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
-    """Run the experiment at `path` and measure it; a failed run also gives a finding.
+    """Run one experiment of a sweep and measure it; a failed run also gives a finding.
 
     Args:
         drive, settings: see `load_experiment`.
@@ -118,7 +118,7 @@ def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = 
 
 
 def record_run(path: Path, drive: str | None, settings: Sequence[str], folder: Path) -> None:
-    """Run the experiment at `path` and record it in `folder`, like `twin run`; a failed run is recorded too.
+    """Run one experiment of a sweep and record it in a folder; a failed run is recorded, too.
 
     Raises:
         InputRefused, NotWritten: the folder cannot be created, or the disk is full; the run is not to blame.
@@ -134,7 +134,7 @@ def record_run(path: Path, drive: str | None, settings: Sequence[str], folder: P
 
 
 def _status_and_reason(problem: Exception) -> tuple[str, str]:
-    """Return (status, reason) of a run that ended with `problem`."""
+    """Return (status, reason) of a sweep's run that ended with an error."""
     match problem:
         case InputRefused():
             return "refused", str(problem)
@@ -144,7 +144,7 @@ def _status_and_reason(problem: Exception) -> tuple[str, str]:
 
 
 def _simulate(experiment: Experiment, whole: bool) -> tuple[Outcome, dict[str, float | None], str]:
-    """Simulate a run; return its outcome, its metrics and the reason for a missing hold error.
+    """Simulate a sweep's run; return its outcome, its metrics and the reason for a missing hold error.
 
     All signals are kept if `whole` or if the experiment has measures.
     """
@@ -163,7 +163,7 @@ def _simulate(experiment: Experiment, whole: bool) -> tuple[Outcome, dict[str, f
 
 
 def _metrics_and_reason(done: Outcome) -> tuple[dict[str, float | None], str]:
-    """Return (metrics of a run, reason for a missing hold error; "" if it has one)."""
+    """Return (metrics of a sweep's run, reason for a missing hold error; "" if it has one)."""
     assert done.numbers is not None
     hold = done.numbers.measures["hold_error"]
     return metrics_of(done.numbers), hold.reason if hold.value is None else ""

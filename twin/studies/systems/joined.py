@@ -15,7 +15,7 @@ FMUS_FORM = "FMUs"
 
 
 def join_fmus(fmus: Sequence[Path], lenient: bool = False) -> tuple[Package, list[WireProposal]]:
-    """Join several FMUs into a system; return it, and the doubtful wires that are left out.
+    """Join several FMUs into a system by guessed wires; return it with the doubtful wires left out.
 
     An input is wired to the output of the same name in another FMU; else to the only output of the same dimension that
     feeds nothing else; else to the only output of the preceding FMUs that can feed it.

@@ -17,27 +17,27 @@ if TYPE_CHECKING:
 
 
 class CouplingScheme(StrEnum):
-    """Order of the value exchange between components."""
+    """Order of the value exchange between the components of a system of FMUs."""
 
     GAUSS_SEIDEL = "gauss_seidel"
     JACOBI = "jacobi"
 
 
 class SystemForm(StrEnum):
-    """File format for writing a system."""
+    """File format of a written system of FMUs."""
 
     SSP = "ssp"
 
 
 class FmuKindSolver(StrEnum):
-    """Solver of FMUs for model exchange."""
+    """Solver of a system's FMUs for model exchange."""
 
     CVODE = "cvode"
     RK4 = "rk4"
 
 
 class LoopCoupling(StrEnum):
-    """Treatment of algebraic loops."""
+    """Treatment of algebraic loops in a system of FMUs."""
 
     DELAY = "delay"
     SOLVE = "solve"
@@ -45,7 +45,7 @@ class LoopCoupling(StrEnum):
 
 @dataclass(frozen=True)
 class AdditionOptions:
-    """Options for values, inputs and recorded variables of a system."""
+    """Command-line options for values, inputs and recorded variables of a system of FMUs."""
 
     settings: Annotated[
         Sequence[str],
@@ -73,7 +73,7 @@ class AdditionOptions:
     ] = ()
 
     def additions(self) -> "Additions":
-        """Convert the options for the kernel."""
+        """Convert the options for values, inputs and recorded variables to the kernel's form."""
         # The import loads FMPy.
         from twin.kernel.systems.additions import Additions
 
@@ -82,7 +82,7 @@ class AdditionOptions:
 
 @dataclass(frozen=True)
 class MasterOptions:
-    """Options of the master."""
+    """Command-line options of the co-simulation master for a system of FMUs."""
 
     scheme: Annotated[
         CouplingScheme | None,
@@ -116,7 +116,7 @@ class MasterOptions:
     ] = False
 
     def choice(self) -> MasterChoice:
-        """Convert the options for the kernel, in SI.
+        """Convert the options of the co-simulation master to the kernel's form, in SI.
 
         Raises:
             InputRefused: an option is malformed, or two contradict each other.

@@ -58,7 +58,7 @@ def run_summary(
     recording: Path,
     state_every: float | None = None,
 ) -> dict[str, Any]:
-    """Return the summary of a run for JSON."""
+    """Return the summary of a run of a system of FMUs for JSON."""
     costs = done.costs
     # The last row, also if a component requested the end.
     end = done.simulation.next_tick - 1
@@ -117,7 +117,7 @@ def run_summary(
 
 
 def _without_effect(plan: SystemPlan, made: PreparedSystem, state_every: float | None) -> Iterator[str]:
-    """Yield sentences on options that have no effect in this run."""
+    """Yield sentences on options that have no effect in a run of a system of FMUs."""
     choice, timing = plan.choice, plan.timing
     if choice.loops == "solve" and not made.loops:
         yield "--loops solve: no algebraic loop was found"
@@ -131,7 +131,7 @@ def _without_effect(plan: SystemPlan, made: PreparedSystem, state_every: float |
 
 
 def _start(part: SystemPart, variable: Variable) -> Any:
-    """Return the value of an input without a source."""
+    """Return the value of an FMU's input that has no source."""
     given = next((to_json(value) for v, value in part.settings if v == variable), variable.start)
     # For an array, FMPy has the start values as text.
     listed = [v.start for v in part.description.model.modelVariables if v.name == variable.name]
@@ -139,7 +139,7 @@ def _start(part: SystemPart, variable: Variable) -> Any:
 
 
 def system_result(came: Mapping[str, Any]) -> Result:
-    """Return the report of a run: at most 80 columns except for paths; for programs the dictionary of `run_summary`."""
+    """Return the report of a run of a system of FMUs."""
     when = "the end of the last step" if came["scheme"] == "jacobi" else "the last step, leading back in the order"
     unfed = [f"{name} = {value:g}" if isinstance(value, float) else f"{name} = {value}"
             for name, value in came["not_fed"].items()]  # fmt: skip
@@ -204,7 +204,7 @@ def _component(one: Mapping[str, Any], tick: float) -> str:
 
 
 def _duration(own: float | None) -> str:
-    """Format the duration of a step, given in microseconds."""
+    """Format a duration that is given in microseconds."""
     return "in a loop" if own is None else f"{own:.2f} us" if own < 1e3 else f"{1e-3 * own:.1f} ms"
 
 
@@ -218,7 +218,7 @@ def record_system(
     start_from: str | None = None,
     additions: Additions = Additions(),  # noqa: B008, it is frozen
 ) -> Result:
-    """Run a system of FMUs and record it.
+    """Run a system of third-party FMUs and record it.
 
     Notes: {"experiment": name, "folder": folder of the run, "duration" (s)} before the first step.
 
@@ -257,7 +257,9 @@ def write_system(
     compiled: bool = False,
     additions: Additions = Additions(),  # noqa: B008, likewise
 ) -> Result:
-    """Write a system as an SSP archive without running it; arguments as in `record_system`.
+    """Write a system of FMUs as an SSP archive without running it.
+
+    Other arguments are those of `record_system`.
 
     Args:
         out: file to write; None for NAME.ssp in the current folder.
@@ -289,7 +291,7 @@ def write_system(
 def write_ssp(
     package: Package, choice: MasterChoice, out: Path | None, compiled: bool, additions: Additions
 ) -> tuple[SystemPlan, Path]:
-    """Write a system as an SSP archive and return its plan and the file; see `write_system`."""
+    """Write a system of FMUs as an SSP archive and return its plan and the file."""
     from twin.kernel.systems.to_ssp import ssp_archive
 
     file = out or Path(f"{package.structure.system.name}.ssp")
@@ -305,7 +307,7 @@ def write_ssp(
 def write_joined_system(
     fmus: Sequence[Path], choice: MasterChoice, out: Path | None, compiled: bool
 ) -> tuple[Path, list[Note]]:
-    """Write several FMUs, joined by guessed wires, as an SSP archive in the current folder, or at `out`.
+    """Join several FMUs by guessed wires and write the system as an SSP archive.
 
     Returns:
         The archive, and notes on its wires.
@@ -327,7 +329,7 @@ def write_joined_system(
 
 
 def _folder(file: Path, here: Path, out: Path | None) -> Path:
-    """Create the run's folder below the folder `here` and return its path relative to it."""
+    """Create the folder of a system's run and return its path relative to the folder `here`."""
     if out:
         claim_run_folder(here / out)
         return out
@@ -384,7 +386,7 @@ def _record_run(
 
 
 def _provenance(plan: SystemPlan, made: PreparedSystem) -> dict[str, dict[str, str]]:
-    """Return the metadata on the origin of a recording, independent of when, where or by whom it was made."""
+    """Return the metadata on the origin of a system's recording, independent of time, place and user."""
     choice, timing = plan.choice, plan.timing
     periods = {path: period for path, period in timing.periods.items() if period > 1}
     kinds = {part.path: part.description.kind for part in plan.parts if part.description.kind != "co_simulation"}

@@ -52,7 +52,7 @@ MAX_FACTOR = 1000.0
 
 @dataclass(frozen=True)
 class Goals:
-    """Goals, SI; each applies at the worst corner.
+    """Goals of tuning, SI; each applies at the worst corner.
 
     Attributes:
         sensitivity: maximum M_s of any loop, > 1. It guarantees a gain margin of M_s / (M_s - 1) and a phase margin of
@@ -83,11 +83,11 @@ class Goals:
 
     @property
     def bandwidth_hertz(self) -> float:
-        """Bandwidth goal in Hz, for display; 0 without such a goal."""
+        """Bandwidth goal of tuning in Hz, for display; 0 without such a goal."""
         return (self.bandwidth or 0.0) / (2.0 * math.pi)
 
     def refuse_period(self, period: float) -> None:
-        """Refuse a bandwidth that a controller with `period` (s) cannot reach.
+        """Refuse a bandwidth goal that a controller with the given period (s) cannot reach.
 
         Raises:
             InputRefused: the bandwidth exceeds half the rate of the controller.
@@ -117,7 +117,7 @@ def stiffness_range(text: str) -> tuple[float, float]:
 
 
 class LawGains(NamedTuple):
-    """The tuned gains, SI.
+    """The tuned gains of position and force law, SI.
 
     Attributes:
         kp: platform speed per position error (1/s).
@@ -130,12 +130,12 @@ class LawGains(NamedTuple):
 
 
 def round_gains(gains: LawGains) -> LawGains:
-    """Round `gains` to three digits, as shown and written."""
+    """Round the tuned gains to three digits, as shown and written."""
     return LawGains(*(float(f"{gain:.2e}") for gain in gains))
 
 
 def gains_of(experiment: Experiment) -> LawGains:
-    """Return the tuned gains of `experiment`.
+    """Return the gains of an experiment that tuning changes; refuse it if any other gain is not zero.
 
     Raises:
         InputRefused: a gain that is not tuned is not zero.
@@ -156,7 +156,10 @@ def gains_of(experiment: Experiment) -> LawGains:
 
 
 def with_gains(experiment: Experiment, gains: LawGains) -> Experiment:
-    """Return `experiment` with the given gains; its `values` still contain the gains of the file."""
+    """Return the experiment with other gains of position and force law.
+
+    Its `values` still contain the gains of the file.
+    """
     c = experiment.controller
     position = c.position.model_copy(update={"kp": gains.kp})
     force = c.force.model_copy(update={"kp": gains.force_kp, "ki": gains.force_ki})
@@ -169,7 +172,7 @@ UNITY_GAINS = LawGains(1.0, 1.0, 0.0)
 
 @dataclass(frozen=True)
 class Corner:
-    """The robot at one operating point with both laws opened, linear and sampled with the controller's period.
+    """Linear model of the robot at one operating point, with one drive and stiffness, both control laws opened.
 
     x(k+1) = A x + B u with u the platform speed (3,) requested by the position law; y = C x: estimated position (3,),
     low-passed estimated pressing force, true position (3,), and true pressing force, SI.
@@ -196,23 +199,23 @@ class Corner:
 
     @property
     def name(self) -> str:
-        """Name of the corner: `force on 300 N/m`, `position in air`."""
+        """Name of the operating point and stiffness: `force on 300 N/m`, `position in air`."""
         where = f"on {self.point.parameters.K:.4g} N/m" if self.point.in_contact else "in air"
         return f"{self.laws[0]} {where}"
 
     @property
     def laws(self) -> tuple[str, ...]:
-        """Laws whose steps are examined: the force law where it acts, since it moves z and friction holds x and y."""
+        """Control laws whose step responses are examined here: the force law if it acts, else the position law."""
         return ("force",) if self.point.force_on else ("position",)
 
     @property
     def axes(self) -> tuple[int, ...]:
-        """Axes of the position law whose steps are examined: z in contact, else all."""
+        """Axes of the position law whose steps are examined here: z in contact, else all."""
         return (2,) if self.point.in_contact else (0, 1, 2)
 
 
 def stiffnesses(span: tuple[float, float]) -> list[float]:
-    """Return the stiffnesses (N/m) that represent a range: both ends and the geometric mean."""
+    """Return the stiffnesses (N/m) that represent a range in tuning: both ends and the geometric mean."""
     low, high = span
     return [float(K) for K in np.geomspace(low, high, STIFFNESS_COUNT)] if high > low else [low]
 
@@ -220,7 +223,7 @@ def stiffnesses(span: tuple[float, float]) -> list[float]:
 def corners(
     experiments: Sequence[Experiment], stiffness: tuple[float, float] | None
 ) -> tuple[list[Corner], list[str], list[Linearisation]]:
-    """Compute all corners, for one experiment per drive.
+    """Compute the linear model at every operating point, on every stiffness and with every drive.
 
     Returns:
         (corners, error messages of points without a linear model, linearisations with the identified drives).
@@ -248,7 +251,7 @@ def corners(
 
 
 def open_corner(experiment: Experiment, shared: Linearisation, point: OperatingPoint) -> Corner:
-    """Return the corner of `experiment` at `point`, from the linearisation shared by all its points."""
+    """Build the linear model of an experiment at one operating point, with both control laws opened."""
     loops = shared.linear_point(point).loops
     outputs = [loops.output_labels.index(name) for name in (*ESTIMATED_SIGNALS, *TRUE_SIGNALS)]
     rows = loops.C[outputs]
@@ -261,14 +264,14 @@ def open_corner(experiment: Experiment, shared: Linearisation, point: OperatingP
 
 
 def at_stiffness(corner: Corner) -> Experiment:
-    """Return the corner's experiment, undisturbed, with the stiffness and surface height of the corner."""
+    """Return the experiment of a corner, undisturbed, with the corner's surface stiffness and height."""
     p = corner.point.parameters
     return undisturbed_experiment(corner.experiment, stiffness=p.K, height=p.z_s)
 
 
 @dataclass(frozen=True)
 class StepAnswer:
-    """The true, not the estimated, response to a unit step of the reference of one law.
+    """True, not estimated, response to a unit step of the reference of one control law.
 
     Attributes:
         overshoot: overshoot (share of the step).
@@ -285,7 +288,7 @@ class StepAnswer:
 
 @dataclass(frozen=True)
 class Prediction:
-    """The predicted behaviour of gains at a corner.
+    """Predicted behaviour of some gains at one corner, by the linear model.
 
     Attributes:
         radius: spectral radius; the loop is stable below 1.
@@ -304,7 +307,7 @@ class Prediction:
 
 
 def predict(corner: Corner, gains: LawGains) -> Prediction:
-    """Predict the behaviour of `gains` at `corner`."""
+    """Predict stability, sensitivity and step responses of some gains at one corner by the linear model."""
     A, _, _ = close_loops(corner, gains)
     radius = float(np.abs(np.linalg.eigvals(A)).max())
     if radius >= 1.0:
@@ -318,7 +321,9 @@ def predict(corner: Corner, gains: LawGains) -> Prediction:
 def close_loops(
     corner: Corner, gains: LawGains, factors: Sequence[float] = UNIT_FACTORS
 ) -> tuple[Matrix, Matrix, Matrix]:
-    """Return (A, B, C) with the laws closed: inputs p_ref (3,), F_z_ref; outputs true position (3,), pressing force.
+    """Close both control laws at a corner; return the closed loop as (A, B, C).
+
+    Inputs are p_ref (3,) and F_z_ref, outputs true position (3,) and pressing force.
 
     The force law's integral is a state only where that law acts with an integral gain.
 
@@ -344,7 +349,9 @@ def close_loops(
 
 
 def sensitivities(corner: Corner, gains: LawGains) -> np.ndarray:
-    """Compute 1/(1+L) (m, 3 or 4) of the loops x, y, z and, where it acts, force, each opened with the others closed.
+    """Compute the sensitivity 1/(1+L) (m, 3 or 4) of each loop at a corner, with the others closed.
+
+    The loops are x, y, z and, where it acts, force.
 
     The result is the diagonal of (1 + L)^-1 with L the matrix of all loops: opening loop i alone leaves 1/((1 +
     L)^-1)_ii as its return difference (Skogestad and Postlethwaite 2005, Multivariable Feedback Control, Sec. 10.6).
@@ -362,7 +369,7 @@ def sensitivities(corner: Corner, gains: LawGains) -> np.ndarray:
 
 
 def confirms_sensitivity(corner: Corner, gains: LawGains, sensitivity: float) -> bool:
-    """Whether the eigenvalues confirm an M_s of at most `sensitivity`, up to `GRID_TOLERANCE`.
+    """Whether the eigenvalues confirm that the sensitivity M_s is at most `sensitivity`, up to `GRID_TOLERANCE`.
 
     A loop with M_s stays stable with any one factor from M_s / (M_s + 1) to M_s / (M_s - 1) (Astrom and Hagglund 2006,
     Advanced PID Control, Sec. 4.6).
@@ -377,7 +384,7 @@ def confirms_sensitivity(corner: Corner, gains: LawGains, sensitivity: float) ->
 
 
 def step_response(corner: Corner, gains: LawGains, i: int) -> tuple[Matrix, Matrix, float]:
-    """Compute the step response of a stable corner to a unit step of one reference at t = 0, over `STEP_HORIZON`.
+    """Compute the response of a stable corner to a unit step of one reference, by the linear model.
 
     Args:
         i: axis of the true position, or 3 for the true pressing force.
@@ -397,7 +404,10 @@ def step_response(corner: Corner, gains: LawGains, i: int) -> tuple[Matrix, Matr
 
 
 def _powers(row: Matrix, A: Matrix, count: int) -> tuple[Matrix, Matrix]:
-    """Return (`row` A^k for k = 0 .. count - 1 (count, n), A^m with m the smallest power of two not below `count`)."""
+    """Return the products `row` A^k for k = 0 .. count - 1, (count, n), and A^m.
+
+    m is the smallest power of two not below `count`.
+    """
     rows, power = row, A
     while len(rows) < count:
         rows, power = np.vstack([rows, rows @ power]), power @ power
@@ -405,7 +415,7 @@ def _powers(row: Matrix, A: Matrix, count: int) -> tuple[Matrix, Matrix]:
 
 
 def answer(t: Matrix, share: Matrix, bandwidth: float) -> StepAnswer:
-    """Summarise a step response `share` (n,), normalised to end at 1, at times `t` (n,) (s) up to `STEP_HORIZON`."""
+    """Summarise a step response, normalised to end at 1: overshoot, settling time, error."""
     return StepAnswer(
         overshoot(share, 1.0),
         settling_time(t, share, 1.0, SETTLED_BAND),

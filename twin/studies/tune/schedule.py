@@ -47,7 +47,7 @@ SCHEDULE_COLUMNS = (
 
 @dataclass(frozen=True)
 class DesignedPoint:
-    """A point of the schedule.
+    """Designed gains of a schedule on one tissue stiffness, with their predictions and simulations.
 
     Attributes:
         stiffness: stiffness (N/m).
@@ -67,14 +67,14 @@ class DesignedPoint:
     wholes: list[tuple[WholeRun, WholeRun]]
 
     def ratio(self, drive: int) -> float:
-        """Return the error since the first touch with the schedule, relative to one set; NaN if a run failed."""
+        """Return the force error with the schedule, relative to one set of gains; NaN if a run failed."""
         fixed, scheduled = (whole.outcome.force_error if whole.outcome else None for whole in self.wholes[drive])
         return scheduled / fixed if fixed and scheduled else float("nan")
 
 
 @dataclass(frozen=True)
 class GainSchedule:
-    """A designed gain schedule with its confirmation.
+    """A designed schedule of gains over the tissue stiffness, with its confirmation in the co-simulation.
 
     Attributes:
         base: result of tuning one set of gains for all stiffnesses, the safe set.
@@ -90,7 +90,10 @@ class GainSchedule:
 
     @property
     def contradictions(self) -> list[str]:
-        """Descriptions of results that the co-simulation does not confirm, and of unstable gains between two points."""
+        """Descriptions of the schedule's results that the co-simulation does not confirm.
+
+        Gains that are unstable between two points are listed, too.
+        """
         doubts = [
             f"between the points, {prediction.corner.name}: unstable"
             for prediction in self.midpoint_predictions
@@ -114,7 +117,7 @@ class GainSchedule:
         return not self.contradictions and not any(point.misses for point in self.points)
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert the schedule to a dictionary for JSON, SI."""
+        """Convert the gain schedule to a dictionary for JSON, SI."""
         return {
             "met": self.meets_goals,
             "contradictions": self.contradictions,
@@ -144,13 +147,13 @@ class GainSchedule:
 
 
 def geometric_grid(low: float, high: float) -> list[float]:
-    """Return stiffnesses (N/m) from `low` to `high` with a constant ratio of at most `MAX_STIFFNESS_RATIO`."""
+    """Return stiffnesses (N/m) between two ends with a constant ratio of at most `MAX_STIFFNESS_RATIO`."""
     steps = max(1, int(np.ceil(np.log(high / low) / np.log(MAX_STIFFNESS_RATIO) - 1e-9)))
     return [float(f"{K:.3g}") for K in np.geomspace(low, high, steps + 1)]
 
 
 def design_schedule(base: tuned.TuningResult) -> GainSchedule:
-    """Design a schedule for the experiment of `base`, over the stiffness range of its tuning.
+    """Design a gain schedule for a tuned experiment, over the stiffness range of its tuning.
 
     Raises:
         InputRefused: the experiment has no force control in contact, or the range is a single stiffness.
@@ -194,14 +197,17 @@ def design_schedule(base: tuned.TuningResult) -> GainSchedule:
 
 
 def _is_stable(base: tuned.TuningResult, K: float, gains: LawGains) -> bool:
-    """Whether the believed loop of the experiment with these gains is stable on the stiffness `K`."""
+    """Whether the controller's believed loop with some gains is stable on the tissue stiffness `K` (N/m)."""
     first = with_schedule(base.experiments[0], gains, ())
     loop = believed_loop(first.controller, first.plant, first.start)
     return spectral_radius(loop, K, gains.force_kp, gains.force_ki) < 1.0
 
 
 def with_schedule(experiment: Experiment, gains: LawGains, points: Sequence[DesignedPoint]) -> Experiment:
-    """Return `experiment` with `gains` as the safe set and with the schedule; `values` keep the file's gains."""
+    """Return the experiment with a gain schedule, and with `gains` as its safe set.
+
+    `values` keep the gains of the file.
+    """
     safe = with_gains(experiment, gains)
     c = safe.controller
     table = tuple(
@@ -215,7 +221,7 @@ def with_schedule(experiment: Experiment, gains: LawGains, points: Sequence[Desi
 
 
 def _places(base: tuned.TuningResult) -> list[OperatingPoint]:
-    """Return the distinct places where the force law acts, for any stiffness."""
+    """Return the distinct operating points where the force law acts, for any stiffness."""
     found: dict[tuple[float, ...], OperatingPoint] = {}
     for prediction in base.after.predictions:
         point = prediction.corner.point
@@ -227,7 +233,10 @@ def _places(base: tuned.TuningResult) -> list[OperatingPoint]:
 def _corners(
     base: tuned.TuningResult, places: Sequence[OperatingPoint], K: float, undamped: bool = False
 ) -> list[Corner]:
-    """Return the corners of each place with each drive; `undamped` for a tissue that is a pure spring."""
+    """Return the linear models of each operating point with each drive on one stiffness.
+
+    `undamped` is for a tissue that is a pure spring.
+    """
     there = [point_on_stiffness(place, K) for place in places]
     if undamped:
         there = [replace(point, parameters=point.parameters._replace(damping=0.0, damper=0.0)) for point in there]
@@ -254,7 +263,7 @@ def _midpoint_predictions(
 
 
 def schedule_parts(done: GainSchedule) -> list[Block]:
-    """Return the report of a schedule: the verdict, then each point."""
+    """Return the report of a designed gain schedule: the verdict, then each point."""
     return [
         *_verdict(done),
         "",
@@ -263,7 +272,7 @@ def schedule_parts(done: GainSchedule) -> list[Block]:
 
 
 def schedule_lines(done: GainSchedule, own_tissue: bool) -> str:
-    """Return the TOML of the schedule, to be appended below the one set of gains, which is the safe one.
+    """Return the TOML of a gain schedule, to be appended below the one set of gains, which is the safe one.
 
     Args:
         own_tissue: whether the experiment already has a [controller.tissue].
@@ -313,5 +322,5 @@ def _rows(point: DesignedPoint) -> Iterator[Row]:
 
 
 def _pair(*runs: WholeRun) -> str:
-    """Format overshoot and hold error of each run."""
+    """Format overshoot and hold error of each run in a line of columns."""
     return " ".join(f"{whole.measure_text(HOLD_OVERSHOOT):>6} {whole.measure_text(HOLD_ERROR):>7}" for whole in runs)

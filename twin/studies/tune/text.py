@@ -29,7 +29,7 @@ FREQUENCY_RANGE = (0.02, 200.0)
 
 
 def goals_sentence(done: TuningResult) -> str:
-    """Summarise the goals: `M_s at most 1.6, steps overshoot at most 5 %, on 300 to 5000 N/m, with velocity_servo`."""
+    """Summarise tuning goals: `M_s at most 1.6, steps overshoot at most 5 %, on 300 to 5000 N/m, ...`."""
     goals = done.goals
     parts = [f"M_s at most {goals.sensitivity:g}", f"steps overshoot at most {100.0 * goals.overshoot:g} %"]
     if goals.bandwidth is not None:
@@ -43,7 +43,7 @@ def goals_sentence(done: TuningResult) -> str:
 
 
 def fragment(done: TuningResult, experiment: Path, folder: Path, options: Sequence[str]) -> str:
-    """Return the TOML file that extends `experiment` by the tuned gains, with their source.
+    """Return the TOML file with the tuned gains that extends an experiment.
 
     Args:
         folder: folder of the TOML file.
@@ -68,7 +68,7 @@ def fragment(done: TuningResult, experiment: Path, folder: Path, options: Sequen
 
 
 def findable_path(experiment: Path, folder: Path) -> Path:
-    """Return `experiment` as typed if it is found under that path from `folder` or a parent folder, else absolute."""
+    """Return an experiment's path as typed if it is found from another folder or its parents, else absolute."""
     here, file = folder.resolve(), experiment.resolve()
     found = next((place / experiment for place in (here, *here.parents) if (place / experiment).exists()), None)
     return experiment if found is not None and found.resolve() == file else file
@@ -80,7 +80,7 @@ def _columns(name: str, head: str) -> tuple[Column, ...]:
 
 
 def tuning_parts(done: TuningResult) -> list[Block]:
-    """Return the report of tuning."""
+    """Return the report of tuning: goals, gains, predictions and simulations."""
     doubtful = [
         f"the linear model of {drive.labels[0]} is {100.0 * model.residual:.2g} % off its measured response; "
         "trust the simulation"
@@ -115,7 +115,7 @@ def _verdict(done: TuningResult) -> list[Block]:
 
 
 def _overshoot_notes(done: TuningResult) -> Iterator[Note]:
-    """Yield a note for each touch-down that overshoots by more than the goal of the experiment itself."""
+    """Yield a note for each touch-down that overshoots by more than the goal for the experiment itself."""
     for before, after in zip(done.before.wholes, done.after.wholes, strict=True):
         was, now = (one.measures[HOLD_OVERSHOOT].value for one in (before, after))
         if now is not None and was is not None and now > done.goals.overshoot:
@@ -124,7 +124,7 @@ def _overshoot_notes(done: TuningResult) -> Iterator[Note]:
 
 
 def missed_note(text: str) -> Note:
-    """Return a note for a missed goal."""
+    """Return a note for a missed tuning goal."""
     return Note(text, "  missed    ")
 
 
@@ -209,7 +209,7 @@ def _runs(done: TuningResult) -> Iterator[Block]:
 
 
 def _touch_down(whole: WholeRun) -> str:
-    """Format overshoot, settling time and hold error of a run."""
+    """Format overshoot, settling time and hold error of a simulated run."""
     if whole.outcome is None or whole.trip:
         return f"{'safety trip' if whole.trip else 'failed':^26}"
     overshoot, settling = whole.measure_text(HOLD_OVERSHOOT), whole.measure_text(HOLD_SETTLING)
@@ -224,7 +224,7 @@ def _z_error(whole: WholeRun) -> str:
 
 
 def draw_tuning(done: TuningResult, path: Path) -> None:
-    """Draw step response and sensitivity for each drive, law and stiffness, and write the picture to `path` (PNG)."""
+    """Draw step responses and sensitivities before and after tuning to `path` (PNG)."""
     shown = worst_places(done.after.predictions)
     columns = min(MAX_PANEL_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
@@ -256,7 +256,7 @@ def _draw_steps(axes: Axes, done: TuningResult, i: int) -> None:
 
 
 def _draw_sensitivity(axes: Axes, done: TuningResult, i: int) -> None:
-    """Draw the predicted sensitivity, the largest over all loops at the corner, and its goal."""
+    """Draw the predicted sensitivity at a corner, the largest over all loops, and its goal."""
     for judged, color in ((done.before, BEFORE_COLOR), (done.after, AFTER_COLOR)):
         prediction = judged.predictions[i]
         if prediction.stable:
@@ -285,6 +285,6 @@ def _draw(axes: Axes, judged: GainAssessment, i: int, color: str, name: str) -> 
 
 
 def _span(judged: GainAssessment, i: int) -> float:
-    """Return the time span (s) to plot: the step and some time at rest after it."""
+    """Return the time span (s) of a step response to plot: the step and some time at rest after it."""
     settling = max((found.settling for found in judged.predictions[i].answers.values()), default=STEP_HORIZON)
     return float(np.clip(4.0 * settling, 0.5, STEP_HORIZON)) if math.isfinite(settling) else STEP_HORIZON

@@ -20,7 +20,7 @@ FAILURE_MISS = 10.0
 
 @dataclass(frozen=True)
 class WholeRun:
-    """A run of the experiment from beginning to end.
+    """A run of the whole experiment with given gains, to check tuning goals.
 
     Attributes:
         drive: name of its drive.
@@ -36,11 +36,11 @@ class WholeRun:
 
     @property
     def measures(self) -> Values:
-        """Measures of the run by their keys in `ROWS_BY_KEY`."""
+        """Measures of the run by their keys."""
         return self.outcome.measures if self.outcome else missing_measures("the run failed")
 
     def measure_text(self, key: str) -> str:
-        """Format a measure: `0.094 N`, `"none"`, or "never" for a settling time."""
+        """Format a measure of the run: `0.094 N`, `"none"`, or "never" for a settling time."""
         value, reason = self.measures[key].value, self.measures[key].reason
         if value is None:
             return NEVER_TEXT if reason == ROWS_BY_KEY[HOLD_SETTLING].missing else NONE_TEXT
@@ -54,7 +54,7 @@ class WholeRun:
 
 
 def whole_run(experiment: Experiment, drive: str, gains: LawGains, stiffness: float | None = None) -> WholeRun:
-    """Simulate `experiment` from beginning to end with `gains`, without recording.
+    """Simulate an experiment from beginning to end with given gains, without recording.
 
     Args:
         drive: name of its drive.
@@ -70,21 +70,24 @@ def whole_run(experiment: Experiment, drive: str, gains: LawGains, stiffness: fl
 def whole_runs(
     experiments: Sequence[Experiment], drives: Sequence[str], gains: LawGains, surfaces: Sequence[float | None]
 ) -> Iterator[WholeRun]:
-    """Yield `whole_run` of each drive on each surface (stiffness in N/m, None for the surface of the file), lazily."""
+    """Yield the run of the whole experiment with each drive on each surface, simulated when it is requested.
+
+    `surfaces` are stiffnesses in N/m, None for the surface of the file.
+    """
     for experiment, drive in zip(experiments, drives, strict=True):
         for stiffness in surfaces:
             yield whole_run(experiment, drive, gains, stiffness)
 
 
 class Shortfall(NamedTuple):
-    """A missed goal: size of the miss (larger is worse, for the search), and an error message."""
+    """A tuning goal missed by a simulated run: size of the miss (larger is worse) and an error message."""
 
     by: float
     text: str
 
 
 def shortfalls(before: WholeRun, after: WholeRun, overshoot: float, than: str = "before") -> Iterator[Shortfall]:
-    """Yield each goal missed by the run `after`; differences below the floors of the measures do not count.
+    """Yield each tuning goal missed by a simulated run; irrelevant differences do not count.
 
     On its own surface the experiment must settle and overshoot by at most `overshoot` (share of the force). On another
     surface it may overshoot by that or as much as `before`, the reference run called `than`. The hold error must never
@@ -114,7 +117,10 @@ def shortfalls(before: WholeRun, after: WholeRun, overshoot: float, than: str = 
 
 
 def price(before: Sequence[WholeRun], after: Iterator[WholeRun], overshoot: float) -> float:
-    """Return the penalty for missed goals, 0 .. 1; 0 if all are met. Stops simulating at the first run that misses."""
+    """Return the penalty of gains for goals missed in simulated runs, 0 .. 1; 0 if all are met.
+
+    Simulation stops at the first run that misses a goal.
+    """
     for i, (old, new) in enumerate(zip(before, after, strict=True)):
         by = sum(one.by for one in shortfalls(old, new, overshoot))
         if by:

@@ -95,7 +95,7 @@ co-simulation."""
 
 
 class Miss(NamedTuple):
-    """A goal missed by gains at a corner.
+    """A tuning goal missed by some gains at one corner.
 
     Attributes:
         goal: "margin", "overshoot", "bandwidth" or "stability".
@@ -111,7 +111,7 @@ class Miss(NamedTuple):
 
 
 def misses(prediction: Prediction, goals: Goals) -> Iterator[Miss]:
-    """Yield each goal missed by `prediction`: stability, margin, overshoot, and bandwidth of the law `goals.law`."""
+    """Yield each tuning goal that the prediction at a corner misses: stability, margin, overshoot, bandwidth."""
     if not prediction.stable:
         yield Miss("stability", prediction.radius - 1.0, prediction.radius, prediction)
         return
@@ -126,7 +126,7 @@ def misses(prediction: Prediction, goals: Goals) -> Iterator[Miss]:
 
 
 def worst_misses(predictions: Sequence[Prediction], goals: Goals) -> list[Miss]:
-    """Return the worst miss of each missed goal."""
+    """Return the worst miss of each tuning goal that is missed at any corner."""
     worst: dict[str, Miss] = {}
     for prediction in predictions:
         for miss in misses(prediction, goals):
@@ -136,7 +136,7 @@ def worst_misses(predictions: Sequence[Prediction], goals: Goals) -> list[Miss]:
 
 
 def cost(predictions: Sequence[Prediction], goals: Goals) -> float:
-    """Compute the cost of predictions: penalties of missed goals plus log of the largest integrated error of each law.
+    """Compute the cost of gains from their predictions: penalties of missed goals plus log of the integrated errors.
 
     The settling time is not used: it would reward a P law that jumps into its band and never reaches the end.
     """
@@ -158,7 +158,7 @@ def best_gains(
     simulated: Callable[[LawGains], float] = lambda gains: 0.0,
     progress: Progress = lambda done: None,
 ) -> LawGains:
-    """Search for the gains of least `cost`; return `start` if it is not improved. Unused force gains are unchanged.
+    """Search for the gains of least cost by differential evolution; return `start` if it is not improved.
 
     Args:
         laws: "both", or "force" to keep kp of the position law as in `start`.
@@ -208,7 +208,7 @@ def best_gains(
 
 @dataclass(frozen=True)
 class StepTrial:
-    """A simulated step at a corner.
+    """A step response simulated at one corner in the co-simulation.
 
     Attributes:
         law: law whose reference was stepped.
@@ -226,7 +226,7 @@ class StepTrial:
 
 
 def can_simulate_step(corner: Corner) -> bool:
-    """Whether a step can be simulated at `corner`: of the position law in air, or of the force law in contact.
+    """Whether the co-simulation can simulate a reference step at a corner.
 
     Impossible where [controller.damping] acts: only tasks use it, and tasks make no steps.
     """
@@ -259,7 +259,9 @@ def step_trial(corner: Corner, gains: LawGains) -> StepTrial | None:
 
 
 def step_bandwidth(share: Matrix, tick: float) -> float:
-    """Return the frequency (rad/s) where the spectrum of the impulse response first falls below 1/sqrt(2).
+    """Return the bandwidth (rad/s) of a step response, from the spectrum of its impulse response.
+
+    It is the frequency where the spectrum first falls below 1/sqrt(2).
 
     Args:
         share: response to a unit step (n,), 1 at its end.
@@ -270,13 +272,13 @@ def step_bandwidth(share: Matrix, tick: float) -> float:
 
 
 def lasting_swing(t: Matrix, y: Matrix) -> float:
-    """Return the peak-to-peak value of the last `END_SHARE` of `y` (n,) about a straight line, which models creep."""
+    """Return the peak-to-peak oscillation at the end of a signal, about a straight line that models creep."""
     last = slice(-round(END_SHARE * len(y)), None)
     return float(np.ptp(y[last] - np.polyval(np.polyfit(t[last], y[last], 1), t[last])))
 
 
 def paired_step_runs(corner: Corner, gains: LawGains) -> list[Matrix]:
-    """Simulate the step and the same run without it; return the true pressing force (N) or height (m) per tick.
+    """Simulate a step at a corner, and the same run without it; return force (N) or height (m) per tick.
 
     Returns:
         [without the step (n,), with the step (n,)], from the time of the step on.
@@ -312,7 +314,7 @@ def paired_step_runs(corner: Corner, gains: LawGains) -> list[Matrix]:
 
 
 def contradiction(trial: StepTrial, prediction: Prediction, goals: Goals) -> str:
-    """Describe a violation of the goals in the co-simulation that the linear model does not predict; "" without one."""
+    """Describe how a simulated step violates goals that the linear model meets; "" if it does not."""
     simulated, linear = trial.answer, prediction.answers[trial.law]
     if trial.swing > MAX_SWING:
         return f"the co-simulation never comes to rest, it swings by {100.0 * trial.swing:.0f} % of the step"
@@ -331,7 +333,7 @@ def contradiction(trial: StepTrial, prediction: Prediction, goals: Goals) -> str
 
 @dataclass(frozen=True)
 class GainAssessment:
-    """Gains assessed at every corner.
+    """Assessment of some gains at every corner: predictions, missed goals, simulations.
 
     Attributes:
         predictions: predictions of the linear model, one per corner.
@@ -350,7 +352,7 @@ class GainAssessment:
 
 @dataclass(frozen=True)
 class TuningResult:
-    """The result of tuning.
+    """Result of tuning an experiment's gains for given goals.
 
     Attributes:
         experiments: experiments, one per drive.
@@ -370,7 +372,7 @@ class TuningResult:
 
     @property
     def contradictions(self) -> list[str]:
-        """Descriptions of results for the gains found that the co-simulation does not confirm."""
+        """Descriptions of results of the tuned gains that the co-simulation does not confirm."""
         doubts = []
         for prediction in self.after.predictions:
             M_s = prediction.sensitivity
@@ -390,7 +392,7 @@ class TuningResult:
         return not self.after.misses and not self.contradictions
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert the result to a dictionary for JSON, SI."""
+        """Convert the result of tuning to a dictionary for JSON, SI."""
         return {
             "experiment": self.experiments[0].name,
             "met": self.meets_goals,
@@ -409,7 +411,7 @@ def tune_gains(
     stiffness: tuple[float, float] | None = None,
     say: Say = ignore_progress,
 ) -> TuningResult:
-    """Find the fastest gains of the laws of `experiments` that meet `goals` at every corner; assess old and new gains.
+    """Find the fastest gains of an experiment that meet the goals at every corner; assess old and new gains.
 
     Args:
         experiments: the same experiment with each drive that the gains must suit, at least one.
@@ -467,7 +469,7 @@ def _place_text(prediction: Prediction) -> str:
 
 
 def worst_places(predictions: Sequence[Prediction]) -> list[int]:
-    """Return the numbers of the corners with the largest M_s, one per drive, law and stiffness.
+    """Return the numbers of the corners with the largest sensitivity M_s, one per drive, law and stiffness.
 
     Ordered by drive, in air first, then by stiffness.
     """

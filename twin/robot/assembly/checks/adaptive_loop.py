@@ -22,7 +22,7 @@ RUNGE_KUTTA_STEPS = 4
 
 
 class Loop(NamedTuple):
-    """Vertical motion of the robot on a tissue: one mass on its springs, with a first-order drive; SI.
+    """Model of the robot's vertical motion on a tissue: one mass on its springs, with a first-order drive; SI.
 
     Attributes:
         mass, spring, friction: moving mass (kg), stiffness in z (N/m), joint friction in z (N s/m).
@@ -45,9 +45,10 @@ class Loop(NamedTuple):
 
 
 def spectral_radius(loop: Loop, stiffness: float, kp: float, ki: float) -> float:
-    """Compute the largest pole magnitude of the sampled loops on a tissue of `stiffness` (N/m) with given force gains.
+    """Compute the largest pole magnitude of the sampled position and force loops on a tissue.
 
-    The continuous states are height, speed, motor and drive speed; the command is held for a period.
+    The tissue has `stiffness` (N/m), the force law the given gains. The continuous states are height, speed, motor and
+    drive speed; the command is held for a period.
     """
     m, K = loop.mass, loop.spring
     A = np.zeros((5, 5))
@@ -79,7 +80,7 @@ def spectral_radius(loop: Loop, stiffness: float, kp: float, ki: float) -> float
 
 
 def adaptive_errors(computer: Computer, plant: TrueRobot | None, start: Triple | None) -> Iterator[str]:
-    """Yield an error message for each option that the controller cannot fulfil.
+    """Yield an error message for each adaptive option that the controller cannot fulfil on this robot.
 
     Args:
         plant: true robot; None if its table is invalid.
@@ -111,7 +112,7 @@ def adaptive_errors(computer: Computer, plant: TrueRobot | None, start: Triple |
 
 
 def believed_loop(computer: Computer, plant: TrueRobot, start: Triple) -> Loop:
-    """Build the loop of the stability check: a robot at `start` (m) whose drive has the believed lag."""
+    """Build the model of vertical motion for the check of scheduled gains, as the controller believes the robot."""
     known, model = tissue_sensing(computer, start), computer.model
     squares = float(np.sum(jacobian(geometry_of(model), start)[:, 2] ** 2))
     forward, damping = computer.feed_forward, computer.damping
@@ -129,7 +130,10 @@ def believed_loop(computer: Computer, plant: TrueRobot, start: Triple) -> Loop:
 
 
 def _unstable_gains(computer: Computer, plant: TrueRobot, start: Triple) -> Iterator[str]:
-    """Yield the first set of gains, of a point or between two, that is unstable on its stiffness."""
+    """Yield an error message for the first scheduled gains that are unstable on their tissue stiffness.
+
+    Checked are the points of the schedule and the midpoints between them.
+    """
     loop = believed_loop(computer, plant, start)
     points = [SchedulePoint.from_tables(point) for point in computer.force.schedule]
     table = schedule_table(points).view(np.recarray)

@@ -15,7 +15,7 @@ from twin.robot.mechanism.geometry import geometry_of
 
 
 def disagreements(tables: Tables, reference: WayPoints | None, named: Collection[str]) -> list[str]:
-    """Return an error message for each conflict between tables that are valid by themselves.
+    """Return an error message for each conflict between tables of an experiment that are valid by themselves.
 
     Args:
         tables: valid tables of the experiment.
@@ -51,7 +51,7 @@ def disagreements(tables: Tables, reference: WayPoints | None, named: Collection
 
 
 def _adaptive_errors(tables: Tables, reference: WayPoints | None) -> list[str]:
-    """Return errors of the controller's options beyond the paper's law, if it is twin's own."""
+    """Return error messages for the adaptive options of twin's own controller; empty for a third-party one."""
     checked = tables.by_name
     computer = checked.get("controller")
     if computer is None or computer.force is None:
@@ -63,7 +63,7 @@ def _adaptive_errors(tables: Tables, reference: WayPoints | None) -> list[str]:
 
 
 def _surface_motion_conflicts(tables: Tables, named: Collection[str]) -> list[str]:
-    """Return a conflict for each other motion of a surface that a third-party [body] moves."""
+    """Return an error message for each motion of a surface that a third-party [body] already moves."""
     if "body" not in tables.stand_ins:
         return []
     contact = tables.by_name.get("contact")
@@ -74,7 +74,10 @@ def _surface_motion_conflicts(tables: Tables, named: Collection[str]) -> list[st
 
 
 def _mode_errors(checked: Mapping[str, Any], named: Collection[str]) -> list[str]:
-    """Return tables that are missing or superfluous for waypoints or tasks, and for position or force mode."""
+    """Return error messages for tables that are missing or superfluous in the experiment's mode.
+
+    The mode is waypoints or tasks, and position or force control.
+    """
     has_tasks = "task" in named
     if has_tasks == ("reference" in named):
         return ["expected either [reference] with way points or [[task]] tables" + (", not both" if has_tasks else "")]

@@ -96,7 +96,10 @@ def _robot_contradictions(monitor: Monitor, belief: MonitorBelief, sample_period
 
 
 def _resolution_limits(one_count: Resolution, share: float) -> list[tuple[str, str, float, float]]:
-    """Return limits with a resolution: attribute, unit of its key, that unit per SI, filtered value of one count."""
+    """Return the monitor's limits that the encoder resolution bounds from below.
+
+    Each entry: attribute, unit of its key, that unit per SI unit, filtered value of one encoder count.
+    """
     return [
         ("force_limit", "N", 1.0, one_count.force),
         ("contact_force", "N", 1.0, one_count.force),
@@ -111,7 +114,10 @@ def _resolution_limits(one_count: Resolution, share: float) -> list[tuple[str, s
 
 
 def _retraction_contradictions(monitor: Monitor, belief: MonitorBelief) -> list[str]:
-    """Return an error if the retraction does not raise the platform; checked around the top and the bottom."""
+    """Return an error if the safety monitor's retraction does not raise the platform.
+
+    Checked around the top and the bottom of the workspace.
+    """
     for z in (monitor.z_max, monitor.z_min):
         for angle in range(0, 360, 30):
             x = monitor.workspace_radius * math.cos(math.radians(angle))

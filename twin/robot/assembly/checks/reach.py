@@ -19,9 +19,10 @@ WAY_POINT_SPACING = 1e-3
 
 
 def find_obstruction(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, str] | None:
-    """Return (index, reason) of a pose of `p_B`, (n, 3) in m, that an obstruction prevents; None if all are free.
+    """Return (index, reason) of the first platform pose that is obstructed; None if all poses are free.
 
-    All poses must be within kinematic reach. Limits that the robot's file does not declare are not checked.
+    The poses `p_B`, (n, 3) in m, must be within kinematic reach. Limits that the robot's file does not declare are not
+    checked.
     """
     geometry, places = geometry_of(plant), np.asarray(p_B)
     if (met := _find_stop_obstruction(plant, geometry, places)) is not None:
@@ -53,7 +54,7 @@ def find_obstruction(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, s
 
 
 def _find_stop_obstruction(plant: TrueRobot, geometry: Geometry, places: NDArray[np.float64]) -> tuple[int, str] | None:
-    """Return (index, reason) of a pose beyond the joints' hard stops, like `find_obstruction`."""
+    """Return (index, reason) of the first pose beyond a joint's hard stop; None if all are within."""
     if plant.joint_lower is None and plant.joint_upper is None:
         return None
     theta_l = joint_angles(geometry, places)
@@ -73,7 +74,7 @@ def _format_position(p_B: NDArray[np.float64]) -> str:
 
 
 def reach_error(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:
-    """Return the error of one unreachable pose of `p_B` (..., 3) in m; None if all are reachable."""
+    """Return the error for one unreachable platform pose among several; None if all are reachable."""
     try:
         joint_angles(geometry, p_B)
     except Unreachable as problem:
@@ -83,7 +84,7 @@ def reach_error(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:
 
 
 def reference_errors(reference: WayPoints, geometries: Iterable[Geometry], plant: TrueRobot | None = None) -> list[str]:
-    """Return the first error of a reference: out of reach of one of `geometries`, or obstructed for `plant`.
+    """Return an error message for the first pose of a reference that is out of reach or obstructed.
 
     Checked are the waypoints and the lines between them.
     """
@@ -120,7 +121,7 @@ def _pose_errors(reference: WayPoints, geometries: tuple[Geometry, ...], plant: 
 
 
 def _line_points(points: tuple[Triple, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return waypoints and intermediate points of the lines between them, (n, 3), and the end index of each line."""
+    """Sample the straight lines between waypoints; return the points (n, 3) and the end index of each line."""
     starts = np.array(points)
     ways = np.diff(starts, axis=0, append=starts[-1:])
     counts = 1 + (np.linalg.norm(ways, axis=1) / WAY_POINT_SPACING).astype(int)

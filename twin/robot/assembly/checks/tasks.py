@@ -28,7 +28,7 @@ MAX_BODY_DEPTH = 0.1
 
 @dataclass(frozen=True)
 class TaskContext:
-    """Everything that determines whether a task is feasible.
+    """Robot, surface and settings that determine whether a massage task is feasible.
 
     Attributes:
         plant: true robot and surface.
@@ -47,7 +47,10 @@ class TaskContext:
 
 
 def task_errors(situation: TaskContext, tasks: Mapping[int, Task], duration: float) -> list[str]:
-    """Return error messages for `tasks`, by number, that are infeasible, unsafe or too long for `duration` (s)."""
+    """Return error messages for massage tasks that are infeasible, unsafe or too long.
+
+    The tasks are given by number, the `duration` of the experiment in s.
+    """
     mistakes = [f"[task {n}] {text}" for n, task in tasks.items() for text in _single_task_errors(situation, task)]
     seconds = sum(_task_time(situation.approach, task, situation.plant.z_s) for task in tasks.values())
     ways = ((getattr(before, "to", before.point), task.point) for before, task in pairwise(tasks.values()))
@@ -58,7 +61,7 @@ def task_errors(situation: TaskContext, tasks: Mapping[int, Task], duration: flo
 
 
 def _task_time(approach: Approach, task: Task, surface: float) -> float:
-    """Estimate the duration of a task (s): down, work, up."""
+    """Estimate the duration of a massage task (s): down, work, up."""
     way = approach.height - surface
     work = task.times * task.period + task.lift / approach.speed if isinstance(task, Tap) else _contact_time(task)
     return way / approach.descent + work + approach.release + way / approach.speed + 3.0 * approach.ramp
@@ -101,7 +104,7 @@ def _single_task_errors(s: TaskContext, task: Task) -> Iterator[str]:
 
 
 def _task_path(task: Task) -> NDArray[np.float64]:
-    """Return the path of a task, (n, 2) in m."""
+    """Return the horizontal path of a massage task, (n, 2) in m."""
     point = np.array(task.point)
     if isinstance(task, Roll):
         angle = np.linspace(0.0, 2.0 * np.pi, 49)
@@ -115,7 +118,7 @@ def _task_path(task: Task) -> NDArray[np.float64]:
 
 
 def _surface_height(plant: PlantParameters, x: float, y: float) -> float:
-    """Return z of the surface (m) at (x, y); -inf beyond the edge of a curved one."""
+    """Return the height z of the surface (m) at (x, y); -inf beyond the edge of a curved surface."""
 
     def depth(z: float) -> float:
         return float(surface_depth(plant, x, y, z))
@@ -136,7 +139,7 @@ def _surface_height(plant: PlantParameters, x: float, y: float) -> float:
 
 
 def _pressing_depth(plant: PlantParameters, force: float) -> float | None:
-    """Return the indentation (m) that makes the body react with `force` (N); None if it cannot."""
+    """Return the indentation (m) at which the body reacts with `force` (N); None if it cannot."""
     if plant.K == 0.0 or elastic_force(plant, MAX_BODY_DEPTH) < force:
         return None
     from scipy.optimize import brentq
@@ -173,7 +176,10 @@ def _approach_errors(
 
 
 def _reach_error(s: TaskContext, path: NDArray[np.float64]) -> str | None:
-    """Return the first unreachable or obstructed point between travelling height and floor along the path."""
+    """Return an error message for the first unreachable or obstructed point of a task's path; None if it is free.
+
+    Each point is checked from the travelling height down to the lowest height.
+    """
     height, floor = s.approach.height, s.approach.floor
     heights = (
         np.arange(floor, height + PATH_SPACING, PATH_SPACING)
@@ -206,7 +212,7 @@ def _motor_speed_errors(
 def _velocities(
     s: TaskContext, task: Task, path: NDArray[np.float64], surface: NDArray[np.float64]
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64], float]]:
-    """Yield (x and y, velocity, z) of the motions of a task, SI."""
+    """Yield the motions of a massage task as (x and y, velocity, z), SI."""
     for point, z in zip(path, surface, strict=True):
         if isinstance(task, Roll):
             omega = 2.0 * np.pi * task.rate
@@ -258,14 +264,14 @@ def _monitor_errors(
 
 
 def _working_speed(task: Task) -> float:
-    """Return the speed of the task in or towards contact (m/s)."""
+    """Return the programmed speed of a massage task in contact or towards it (m/s); 0 for a press."""
     if isinstance(task, Roll):
         return 2.0 * math.pi * task.rate * task.radius
     return task.speed if isinstance(task, Tap | Push) else 0.0
 
 
 def _contact_time(task: Task) -> float:
-    """Return the duration of uninterrupted contact (s), without release and gentle descent."""
+    """Return the duration of uninterrupted contact in a task (s), without release and gentle descent."""
     if isinstance(task, Tap):
         return 0.0
     if isinstance(task, Roll):

@@ -39,7 +39,7 @@ Complex = NDArray[np.complex128]
 
 
 def signal_labels(ports: tuple[Port, ...]) -> list[str]:
-    """One label per value of `ports`: `p_B_x` for a vector in frame B, `theta_l_1` for a leg, `F_n` for a scalar."""
+    """Return a label per port value: `p_B_x` for a vector in frame B, `theta_l_1` for a leg, `F_n` for a scalar."""
     labels = []
     for port in ports:
         parts = "xyz" if port.name.endswith("_B") else [str(i + 1) for i in range(port.size)]
@@ -76,7 +76,7 @@ def plant_system(parameters: PlantParameters) -> control.NonlinearIOSystem:
 
 
 def linear_plant(parameters: PlantParameters, x: NDArray, theta_m: NDArray) -> control.StateSpace:
-    """Linearise `plant_system` about rest at `x` (8,), `theta_m` (3,), with inputs and outputs of the same names.
+    """Linearise the plant about rest at a state (8,) and motor angles (3,), as a `control.StateSpace`.
 
     Its 6 states are p_B and v_B. The bristle is not a state: while friction sticks, dz_b/dt = E v_B, so z_b is E p_B
     plus a constant (the position where it was straight), which as a state would be a pole at 0.
@@ -122,14 +122,14 @@ EMPTY_HAND = HandLoad(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
 
 
 def load_along(direction: loops.Matrix, mass: float, stiffness: float) -> HandLoad:
-    """A mass (kg) and a spring (N/m) that act only along `direction` (3,)."""
+    """Return a mass (kg) and a spring (N/m) in the hand that act only along `direction` (3,)."""
     n = np.outer(direction, direction) / float(np.dot(direction, direction))
     return HandLoad(mass * n, stiffness * n, np.zeros((3, 3)))
 
 
 @dataclass(frozen=True)
 class FreePlant:
-    """Springs and mechanism around an operating point, without the body; small deviations.
+    """Linear model of springs and mechanism around an operating point, without the body.
 
     Attributes:
         linear: linearised plant with the body.
@@ -156,7 +156,7 @@ class FreePlant:
         return -self.force[:, :3]
 
     def with_load(self, held: HandLoad) -> control.StateSpace:
-        """Return the plant with the load `held` and, after its 6 states, three states of a constant force (N)."""
+        """Return the linear plant with a load in the hand, and with a constant force as three further states."""
         A, B = np.zeros((9, 9)), np.zeros((9, 3))
         inertia = np.linalg.inv(self.mass + held.mass)
         A[:3, 3:6] = np.eye(3)
@@ -173,7 +173,7 @@ class FreePlant:
 
 @dataclass(frozen=True)
 class Hand:
-    """The closed loops as a hand feels them: x(k+1) = A x + B F, p = C x, at the controller's period.
+    """The closed loops as felt by a hand at the platform: x(k+1) = A x + B F, p = C x, at the controller's period.
 
     Attributes:
         A, B, C: (n, n), (n, 3), (3, n).
@@ -186,42 +186,42 @@ class Hand:
     period: float
 
     def admittance(self, omega: loops.Matrix) -> Complex:
-        """Y (n, 3, 3) in m/s per N at the frequencies `omega` (rad/s)."""
+        """Return the admittance Y (n, 3, 3) that the hand feels, m/s per N, at the frequencies `omega` (rad/s)."""
         z = np.exp(1j * omega * self.period)[:, None, None]
         states = np.linalg.solve(z * np.eye(len(self.A)) - self.A, np.broadcast_to(self.B, (len(omega), *self.B.shape)))
         return (z - 1.0) / self.period * (self.C @ states)
 
     @property
     def stiffness(self) -> loops.Matrix:
-        """Steady stiffness (3,) along each axis, with the other axes free (N/m)."""
+        """Steady stiffness (3,) that the hand feels along each axis, with the other axes free (N/m)."""
         compliance = self.C @ np.linalg.solve(np.eye(len(self.A)) - self.A, self.B)
         return 1.0 / np.diagonal(compliance)
 
     @property
     def poles(self) -> Complex:
-        """Poles of the closed loops in z."""
+        """Poles of the closed loops in z, with the robot in the hand."""
         return np.linalg.eigvals(self.A).astype(complex)
 
     @property
     def growth(self) -> float:
-        """Growth rate of the fastest growing or slowest decaying pole (1/s); 0 if the platform stays anywhere."""
+        """Growth rate of the fastest growing or slowest decaying pole (1/s); 0 for a platform that stays anywhere."""
         return float(np.log(np.abs(self.poles).max()) / self.period)
 
     @property
     def stable(self) -> bool:
-        """Whether no pole grows faster than a drift."""
+        """Whether the robot in the hand is stable: every pole grows no faster than a drift."""
         return self.growth < DRIFT_RATE
 
 
 def robot_with(
     free: FreePlant, held: HandLoad, drives: tuple[loops.DriveModel, ...], stepping: loops.LoopStepping
 ) -> control.StateSpace:
-    """Build the map of drives and plant, with the load `held`, from one call of the controller to the next."""
+    """Build the sampled linear model of drives and plant with a load in the hand, from controller call to call."""
     return loops.period_map(loops.tick_map(free.with_load(held), drives, stepping), stepping)
 
 
 def hand_of(robot: control.StateSpace, law: loops.LinearLaw, gains: dict[str, float]) -> Hand:
-    """Close the loops `gains` around `robot`, which is a result of `robot_with`."""
+    """Close control loops around a sampled robot and return the dynamics that a hand feels."""
     closed = loops.closed_loops(loops.open_loops(robot, law, whole=True), gains)
     force = np.arange(6, 9)
     rest = np.setdiff1d(np.arange(closed.nstates), force)
@@ -232,12 +232,12 @@ def hand_of(robot: control.StateSpace, law: loops.LinearLaw, gains: dict[str, fl
 
 
 def hertz(period: float, count: int) -> loops.Matrix:
-    """Evaluated frequencies (Hz), evenly spaced over their logarithm, up to half the controller's rate."""
+    """Return the frequencies (Hz) of the passivity analysis, up to half the controller's rate."""
     return np.geomspace(MIN_FREQUENCY, 0.499 / period, count)
 
 
 def power_share(Y: Complex) -> loops.Matrix:
-    """Smallest share of power that a swing takes from the hand, for each (k, k) of `Y` (n, k, k).
+    """Return the smallest share of power that a swing takes from the hand, for each admittance (k, k) of `Y` (n, k, k).
 
     The share is relative to the exchanged power, -1 .. 1 (n,); negative if the robot supplies energy to some swing.
     """

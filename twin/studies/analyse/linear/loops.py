@@ -71,7 +71,9 @@ Loops: TypeAlias = control.StateSpace
 
 @dataclass(frozen=True)
 class DriveModel:
-    """x(k+1) = A x + B u, theta_m(k+1) - theta_m(k) = C x + D u with u = (omega_ref, tau_load) of the tick, SI.
+    """Linear model of a drive per tick: x(k+1) = A x + B u, theta_m(k+1) - theta_m(k) = C x + D u.
+
+    The input u is (omega_ref, tau_load) of the tick, SI.
 
     Attributes:
         A, B, C, D: (n, n), (n, 2), (1, n), (1, 2); n may be 0.
@@ -90,11 +92,11 @@ class DriveModel:
 
     @property
     def steady_gain(self) -> Matrix:
-        """Advance per tick (2,) for a constant command and a constant load, rad per rad/s and rad per N m."""
+        """Advance of the drive's shaft per tick (2,) for a constant command and a constant load."""
         return (self.D + self.C @ np.linalg.solve(np.eye(len(self.A)) - self.A, self.B))[0]
 
     def response(self, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Transfer functions of the model (n, 2) at the points `z` (n,)."""
+        """Return the transfer functions of the drive model (n, 2) at the points `z` (n,)."""
         states = np.eye(len(self.A))
         return np.array([(self.D + self.C @ np.linalg.solve(point * states - self.A, self.B))[0] for point in z])
 
@@ -102,7 +104,7 @@ class DriveModel:
 def fit_drive(
     frequencies: Matrix, response: NDArray[np.complex128], uncertainty: Matrix, tick: float, label: str
 ) -> DriveModel:
-    """Fit the smallest stable model that is close to a measured response.
+    """Fit the smallest stable linear model that is close to a drive's measured frequency response.
 
     Args:
         frequencies: Hz (n,), below half the tick rate; 0 for the steady gain.
@@ -150,7 +152,7 @@ def fit_drive(
 def _rational_fit(
     variable: NDArray[np.complex128], response: NDArray[np.complex128], weight: Matrix, states: int
 ) -> tuple[Matrix, Matrix]:
-    """Fit polynomials in 1 / `variable`: (denominator (states + 1,) with 1 first, numerators (states + 1, 2))."""
+    """Fit a rational transfer function to a response; return (denominator, numerators) in 1 / `variable`."""
     powers = (1.0 / variable)[:, None] ** np.arange(states + 1)
     denominator = np.ones(len(variable), dtype=complex)
     for _ in range(FIT_ITERATIONS if states else 1):
@@ -171,7 +173,7 @@ def _rational_fit(
 
 
 def _state_space(denominator: Matrix, numerators: Matrix, p: float) -> DriveModel:
-    """Convert the polynomials in 1/lambda to a state-space model in z.
+    """Convert a drive's transfer functions, polynomials in 1/lambda, to a state-space model in z.
 
     In lambda it is the observer form; with A, B, C, D there, (lambda 1 - A)^-1 = (1 - p z)(z 1 - A_z)^-1 (1 + p A)^-1
     for A_z = (1 + p A)^-1 (A + p 1), and (1 - p z)(z 1 - A_z)^-1 = -p 1 + (1 - p A_z)(z 1 - A_z)^-1.
@@ -205,7 +207,7 @@ def _damp_motors(felt, torque_per_spring, tau_l, h, lead):
 
 
 class LoopSettings(NamedTuple):
-    """The controller's settings, SI.
+    """The controller's settings for the linear analysis, SI.
 
     Attributes:
         N: belt ratio.
@@ -226,7 +228,7 @@ class LoopSettings(NamedTuple):
 
 
 class Estimation(NamedTuple):
-    """The estimator at an operating point; derivatives by the six angles theta_m, theta_l.
+    """The linearised estimator at an operating point: derivatives by the six angles theta_m, theta_l.
 
     Attributes:
         J: Jacobian at the point (3, 3), rad/m.
@@ -243,7 +245,7 @@ class Estimation(NamedTuple):
 
 
 def estimation(belief: Belief, gravity_compensation: bool, read: Matrix, standing: Matrix) -> Estimation:
-    """Linearise the estimator around the angles `read` (6,) from the encoders, theta_m then theta_l, rad.
+    """Linearise the controller's estimator around the encoder angles (6,): theta_m, then theta_l, rad.
 
     Args:
         standing: motor speeds (3,) that the law commands at rest, rad/s, to compensate the drives' droop.
@@ -272,7 +274,9 @@ def estimation(belief: Belief, gravity_compensation: bool, read: Matrix, standin
 
 
 class LinearLaw(NamedTuple):
-    """c(j+1) = A c + B (angles, a), (omega_ref, b) = C c + D (angles, a), with the period of the controller.
+    """Linear difference equations of the controller at its period, with all loops open.
+
+    c(j+1) = A c + B (angles, a), (omega_ref, b) = C c + D (angles, a).
 
     The inputs are the six angles, then `LOOPS`, then `REFERENCE_SIGNALS`; the outputs three omega_ref, then `LOOPS`,
     then `ESTIMATED_SIGNALS`. With every loop closed the inputs `LOOPS` are the outputs `LOOPS`.
@@ -285,7 +289,7 @@ class LinearLaw(NamedTuple):
 
 
 def linear_law(settings: LoopSettings, estimation: Estimation) -> LinearLaw:
-    """Compute the controller's matrices, with one call of it for each unit vector."""
+    """Compute the controller's linear difference equations, with one call of the controller per unit vector."""
     inputs = 6 + len(LOOPS) + len(REFERENCE_SIGNALS)
     columns = [_call(settings, estimation, z[:LAW_STATES], z[LAW_STATES:]) for z in np.eye(LAW_STATES + inputs)]
     whole = np.stack(columns, axis=1)
@@ -298,7 +302,7 @@ def linear_law(settings: LoopSettings, estimation: Estimation) -> LinearLaw:
 
 
 def _call(settings: LoopSettings, estimation: Estimation, state: Matrix, inputs: Matrix) -> Matrix:
-    """Compute (state, outputs) after one call of the controller, composed as in `task_controller.py`."""
+    """Compute the controller's new state and outputs after one call without limits."""
     angles, u_in, dp_in, p_ref, F_ref = np.split(inputs, [6, 9, 10, 13])
     h = settings.period
     p, F_ee_B = estimation.p_B @ angles, estimation.F_ee_B @ angles
@@ -314,14 +318,14 @@ def _call(settings: LoopSettings, estimation: Estimation, state: Matrix, inputs:
 
 
 def _pid(gains: Gains, state: Matrix, error: float, h: float) -> tuple[float, Matrix]:
-    """Compute (output, state) of one unlimited loop; its state is integral, derivative, last error."""
+    """Compute output and new state of one unlimited PID loop; its state is integral, derivative, last error."""
     pid = np.array([(*gains, *state, 1)], dtype=PID_RECORD)
     output = _control(pid, error, h)
     return output, np.concatenate([pid["integral"], pid["derivative"], pid["error"]])
 
 
 def _damping_speeds(settings: LoopSettings, slow: Matrix, tau_l: Matrix) -> tuple[Matrix, Matrix]:
-    """Compute (motor speeds (3,) of the damping, low-passed torques (3,))."""
+    """Compute the motor speeds (3,) of the damping by yielding, and its low-passed torques (3,)."""
     lead = np.zeros(3)
     if settings.damping is None:
         return lead, slow
@@ -331,7 +335,7 @@ def _damping_speeds(settings: LoopSettings, slow: Matrix, tau_l: Matrix) -> tupl
 
 
 class LoopStepping(NamedTuple):
-    """Stepping of the co-simulation.
+    """Timing of the co-simulation for the linear analysis: tick, substeps, controller period, delay.
 
     Attributes:
         tick: s.
@@ -350,7 +354,7 @@ class LoopStepping(NamedTuple):
 
 
 def runge_kutta_step(A: Matrix, B: Matrix, h: float, substeps: int) -> tuple[Matrix, Matrix]:
-    """(A_d, B_d) of dx/dt = A x + B u over `h` (s), u held, as the plant's integrator computes it.
+    """Discretise dx/dt = A x + B u over `h` (s), u held, as the plant's integrator does; return (A_d, B_d).
 
     Classical Runge-Kutta multiplies a linear state by R(h A), R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24 (Hairer and Wanner
     1996, Solving Ordinary Differential Equations II, IV.2); the derivative of its step at a state of rest is the same.
@@ -366,7 +370,7 @@ def runge_kutta_step(A: Matrix, B: Matrix, h: float, substeps: int) -> tuple[Mat
 
 
 def tick_map(plant: control.StateSpace, drives: Sequence[DriveModel], stepping: LoopStepping) -> control.StateSpace:
-    """Build the linear map of one tick from `SPEED_COMMANDS` to `MEASURED_ANGLES` and `TRUE_SIGNALS`.
+    """Build the linear model of drives and plant over one tick, from motor speed commands to angles and true signals.
 
     Args:
         plant: linearised, continuous time, inputs theta_m_1 .. 3, outputs with the names used here.
@@ -407,7 +411,7 @@ def tick_map(plant: control.StateSpace, drives: Sequence[DriveModel], stepping: 
 
 
 def period_map(tick: control.StateSpace, stepping: LoopStepping) -> control.StateSpace:
-    """Extend a tick map to a period of the controller: its command is held for the period, after the delay.
+    """Extend the linear model of one tick to a controller period, with the command held and delayed.
 
     A delay of q periods and r ticks means that the command of q + 1 periods ago is still active for the first r ticks.
     """
@@ -437,7 +441,7 @@ def period_map(tick: control.StateSpace, stepping: LoopStepping) -> control.Stat
 
 
 def open_loops(robot: control.StateSpace, law: LinearLaw, whole: bool = False) -> Loops:
-    """Connect robot and law with all loops open.
+    """Connect robot and controller to one linear system with all loops open.
 
     The inputs are `LOOPS`, `REFERENCE_SIGNALS`, `SPEED_COMMANDS`; the outputs `LOOPS`, `ESTIMATED_SIGNALS`,
     `SPEED_COMMANDS` and the true signals. Inputs `SPEED_COMMANDS` are added to the law's commands, after the outputs of
@@ -478,7 +482,7 @@ def open_loops(robot: control.StateSpace, law: LinearLaw, whole: bool = False) -
 
 
 def linked_states(A: Matrix, B: Matrix, C: Matrix) -> NDArray[np.int64]:
-    """Indices of the states that an input can reach and an output can see.
+    """Return the indices of the states that an input can reach and an output can see.
 
     Other states are always at rest, like the integral of a loop with ki = 0 or the bristle of an untouched surface, and
     each of them would be a pole at z = 1.
@@ -491,7 +495,7 @@ def linked_states(A: Matrix, B: Matrix, C: Matrix) -> NDArray[np.int64]:
 
 
 def closed_loops(loops: Loops, gains: Mapping[str, float]) -> Loops:
-    """Close some of `LOOPS`, each with a factor on all gains of its law; 1 for the gains as set.
+    """Close some loops of the linear system, each with a factor on all gains of its control law.
 
     Inputs and outputs stay: an input at a closed loop is added to its signal.
     """
@@ -511,12 +515,12 @@ def closed_loops(loops: Loops, gains: Mapping[str, float]) -> Loops:
 
 
 def spectral_radius(loops: Loops, gains: Mapping[str, float]) -> float:
-    """Largest magnitude of a pole with the loops closed; below 1 if stable."""
+    """Return the largest magnitude of a pole of the closed loops; below 1 if stable."""
     return float(np.abs(closed_poles(loops, gains)).max())
 
 
 def closed_poles(loops: Loops, gains: Mapping[str, float]) -> NDArray[np.complex128]:
-    """Poles in z with the loops closed (n,)."""
+    """Return the poles in z (n,) of the linear system with the given loops closed."""
     n = len(LOOPS)
     K = np.diag([gains.get(name, 0.0) for name in LOOPS])
     back = np.linalg.solve(np.eye(n) - K @ loops.D[:n, :n], K @ loops.C[:n])

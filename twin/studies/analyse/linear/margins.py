@@ -84,26 +84,29 @@ class Margins(NamedTuple):
 
 
 def frequencies(period: float) -> Matrix:
-    """Frequencies (rad/s) up to nearly half the sampling rate, evenly spaced over their logarithm."""
+    """Return the frequencies (rad/s) of the margins, up to nearly half the sampling rate, logarithmically spaced."""
     return np.geomspace(MIN_FREQUENCY, 0.999 * np.pi / period, GRID_POINTS)
 
 
 def response(system: control.StateSpace, omega: Matrix) -> Complex:
-    """Frequency response (n, outputs, inputs) of a sampled `system` at `omega` (rad/s)."""
+    """Return the frequency response (n, outputs, inputs) of a sampled system at `omega` (rad/s)."""
     z = np.exp(1j * omega * system.dt)
     inner = np.linalg.solve(z[:, None, None] * np.eye(system.nstates) - system.A, system.B[None].astype(complex))
     return system.C @ inner + system.D
 
 
 def loop_response(loops: Loops, gains: dict[str, float], name: str, omega: Matrix) -> Complex:
-    """L (n,) of one loop, opened at its law's output, the others closed with `gains`; 1 + L = 0 is critical."""
+    """Return the loop gain L (n,) of one loop, opened at its law's output, with the other loops closed.
+
+    1 + L = 0 is critical.
+    """
     others = closed_loops(loops, {loop: gain for loop, gain in gains.items() if loop != name})
     i = LOOPS.index(name)
     return -gains[name] * response(others[i, i], omega)[:, 0, 0]
 
 
 def margins(loops: Loops, gains: dict[str, float], name: str) -> Margins:
-    """Compute the margins of the loop `name` of a system that is stable with all loops closed with `gains`."""
+    """Compute gain margin, phase margin, sensitivity and bandwidth of one loop of a stable system."""
     omega = frequencies(loops.dt)
     L = loop_response(loops, gains, name, omega)
     gain, phase, _, at_gain, at_phase, _ = control.stability_margins(control.frd(L, omega, smooth=True), returnall=True)
@@ -127,7 +130,7 @@ def margins(loops: Loops, gains: dict[str, float], name: str) -> Margins:
 
 
 def _cross_check(loops: Loops, gains: dict[str, float], name: str, found: Margins) -> Margins:
-    """Return the margins if the eigenvalues agree with the gain margin, else without it."""
+    """Return the margins without their gain margin if the eigenvalues contradict it."""
 
     def stable(factor: float) -> bool:
         return spectral_radius(loops, {**gains, name: factor * gains[name]}) < 1.0
@@ -143,13 +146,13 @@ def _cross_check(loops: Loops, gains: dict[str, float], name: str, found: Margin
 
 
 def worst_sensitivity(loops: Loops, gains: dict[str, float]) -> float:
-    """Largest singular value, over all frequencies, of the sensitivity (1 + L)^-1 of all closed loops at once."""
+    """Return the largest singular value, over all frequencies, of the sensitivity (1 + L)^-1 of all closed loops."""
     whole = sensitivity(loops, gains, [name for name in LOOPS if gains.get(name)], frequencies(loops.dt))
     return float(np.linalg.svd(whole, compute_uv=False).max())
 
 
 def sensitivity(loops: Loops, gains: dict[str, float], breaks: Sequence[str], omega: Matrix) -> Complex:
-    """(1 + L)^-1 (n, k, k) of the loops opened at all `breaks` at once, some of `LOOPS` and `COMMANDS`.
+    """Return the sensitivity (1 + L)^-1 (n, k, k) of loops that are opened at several points at once.
 
     The sensitivity is the response to an input at the break, with the input itself and the feedback.
     """
@@ -162,7 +165,7 @@ def sensitivity(loops: Loops, gains: dict[str, float], breaks: Sequence[str], om
 
 
 def gain_limit(loops: Loops, gains: dict[str, float], names: tuple[str, ...]) -> float | None:
-    """Largest common factor on the gains of `names` that keeps the system stable, by eigenvalues.
+    """Return the largest common factor on some loops' gains that keeps the system stable, by eigenvalues.
 
     The factor is above 1 for a stable system and below 1 for a system that smaller gains stabilise; 0 if unstable down
     to 1 / `LARGEST_GAIN`; None if stable up to `LARGEST_GAIN`.
@@ -185,14 +188,17 @@ def gain_limit(loops: Loops, gains: dict[str, float], names: tuple[str, ...]) ->
 
 
 class Pole(NamedTuple):
-    """A pole: magnitude omega (rad/s) and damping ratio zeta of s = ln(z) / period; zeta < 0 if it grows."""
+    """A pole of the closed loops: frequency omega (rad/s) and damping ratio zeta; zeta < 0 if it grows."""
 
     omega: float
     zeta: float
 
 
 def poles(z: Complex, period: float) -> list[Pole]:
-    """Convert `z` (n,) to poles of swings, slowest decay first, without pure delays; one of each conjugate pair."""
+    """Convert poles in z (n,) to frequency and damping ratio, slowest decay first; one of each conjugate pair.
+
+    Pure delays are left out.
+    """
     lasting = z[(np.abs(z) > 1e-6) & (z.imag >= 0.0)]
     s = np.log(lasting) / period
     # a pole at z = 1 neither grows nor decays; avoid a division by zero
@@ -201,12 +207,12 @@ def poles(z: Complex, period: float) -> list[Pole]:
 
 
 def scale_matrix(M: Complex, log_D: Matrix) -> Complex:
-    """D M D^-1 of matrices (..., k, k), for the logarithms (..., k) of D."""
+    """Return D M D^-1 of matrices M (..., k, k), for the logarithms (..., k) of the diagonal D."""
     return M * np.exp(log_D[..., :, None] - log_D[..., None, :])
 
 
 def best_scaling(M: Complex, start: Matrix) -> Matrix:
-    """log D (k,) that minimises the largest singular value of D M D^-1.
+    """Find the diagonal scaling log D (k,) that minimises the largest singular value of D M D^-1.
 
     The largest singular value is a convex function of log D with edges where singular values are equal; sums of their
     powers are smooth and approach it with the exponent (Schatten norms).
@@ -222,7 +228,7 @@ def best_scaling(M: Complex, start: Matrix) -> Matrix:
 
 
 def _norm(M: Complex, log_D: Matrix, exponent: float) -> tuple[float, Matrix]:
-    """Logarithm of the norm of D M D^-1, and its derivatives (k,) by log D."""
+    """Return the logarithm of a Schatten norm of D M D^-1, and its derivatives (k,) by log D."""
     left, sizes, right = np.linalg.svd(scale_matrix(M, log_D))
     share = (sizes / max(sizes[0], MIN_NORM)) ** exponent
     total = share.sum()
@@ -232,7 +238,7 @@ def _norm(M: Complex, log_D: Matrix, exponent: float) -> tuple[float, Matrix]:
 
 
 def _minimise_norm(M: Complex, log_D: Matrix, exponent: float) -> Matrix:
-    """log D with the smallest norm, by the method of Broyden, Fletcher, Goldfarb and Shanno."""
+    """Find the scaling log D (k,) with the smallest norm of D M D^-1, by the BFGS method."""
     value, slope = _norm(M, log_D, exponent)
     inverse = np.eye(len(log_D))
     for _ in range(MAX_STEPS):
@@ -257,7 +263,7 @@ def _minimise_norm(M: Complex, log_D: Matrix, exponent: float) -> Matrix:
 
 
 def largest_mu(M: Complex) -> tuple[int, float]:
-    """(index, bound) of the matrix (n, k, k) with the largest upper bound of mu.
+    """Return (index, bound) of the matrix in `M` (n, k, k) with the largest structured singular value bound.
 
     The best scaling for the seemingly largest matrix is also good for its neighbours, so that few matrices have to be
     examined.
@@ -277,7 +283,7 @@ def largest_mu(M: Complex) -> tuple[int, float]:
 
 @dataclass(frozen=True)
 class DiskMargin:
-    """Permitted error of all loops of the linear model at once, at the examined frequencies.
+    """Disk margin: permitted gain and phase error of all loops at once, at the examined frequencies.
 
     Attributes:
         alpha: size of the disk; a lower bound for more than three loops.
@@ -289,25 +295,25 @@ class DiskMargin:
 
     @property
     def gain(self) -> float | None:
-        """Permitted factor on, or divisor of, each gain; None if unlimited."""
+        """Permitted factor on, or divisor of, each loop's gain by the disk margin; None if unlimited."""
         return (2.0 + self.alpha) / (2.0 - self.alpha) if self.alpha < 2.0 else None
 
     @property
     def phase(self) -> float:
-        """Permitted error of each phase (rad)."""
+        """Permitted error of each loop's phase (rad) by the disk margin."""
         return float(2.0 * np.arctan(0.5 * self.alpha))
 
     JSON_KEYS = "alpha frequency gain phase"
 
 
 def smallest_disk(S: Complex, skew: float = 0.0) -> tuple[int, float]:
-    """(index, alpha) of the sensitivity (n, k, k) with the smallest disk, with sigma = `skew`."""
+    """Return (index, alpha) of the sensitivity matrix in `S` (n, k, k) with the smallest disk margin."""
     which, mu = largest_mu(S + 0.5 * (skew - 1.0) * np.eye(S.shape[-1]))
     return which, 1.0 / mu
 
 
 def disk_margin(loops: Loops, gains: dict[str, float], breaks: Sequence[str]) -> DiskMargin:
-    """Compute the disk margin of a stable system's loops opened at all `breaks` at once, see `sensitivity`."""
+    """Compute the disk margin of a stable system, with its loops opened at several points at once."""
     omega = frequencies(loops.dt)
     for _ in range(3):
         which, alpha = smallest_disk(sensitivity(loops, gains, breaks, omega))
@@ -317,6 +323,6 @@ def disk_margin(loops: Loops, gains: dict[str, float], breaks: Sequence[str]) ->
 
 
 def _refined_frequencies(omega: Matrix, which: int) -> Matrix:
-    """Frequencies between the neighbours of the index `which`."""
+    """Return additional frequencies between the neighbours of one frequency of a grid."""
     low, high = omega[max(which - 1, 0)], omega[min(which + 1, len(omega) - 1)]
     return np.unique(np.concatenate([np.geomspace(low, high, 2 * REFINED_POINTS + 1), [omega[which]]]))

@@ -18,7 +18,7 @@ Points = tuple[tuple[float, float], tuple[float, float]]
 
 
 class Figure(Settings):
-    """The digitised curve's figure in the paper."""
+    """The paper's figure behind a digitised curve."""
 
     number: str
     panel: str
@@ -27,7 +27,7 @@ class Figure(Settings):
 
 
 class Digitisation(Settings):
-    """Author, date and tool of a digitisation."""
+    """Author, date and tool of the digitisation of a curve."""
 
     by: str
     on: datetime.date
@@ -35,7 +35,7 @@ class Digitisation(Settings):
 
 
 class FileHead(Settings):
-    """Head of a file, with two points (pixel, value) of each column's axis, and each column's uncertainty."""
+    """Head of a digitised curve's file: points (pixel, value) of each column's axis, and uncertainties."""
 
     figure: Figure
     digitised: Digitisation
@@ -45,7 +45,7 @@ class FileHead(Settings):
 
 @dataclass(frozen=True)
 class Provenance:
-    """Provenance of one curve.
+    """Origin and uncertainty of a curve digitised from the paper.
 
     Attributes:
         head: head of the file.
@@ -61,13 +61,13 @@ class Provenance:
 
     @property
     def text(self) -> str:
-        """One line for the reader of a comparison."""
+        """One line on a digitised curve's origin for the reader of a comparison."""
         figure, done = self.head.figure, self.head.digitised
         return f"Fig. {figure.number} {figure.panel}, {figure.curve}: digitised by {done.by} on {done.on}, {done.tool}"
 
 
 def provenance(log: Log) -> Provenance | None:
-    """Parse the head of `log`; None without a table [figure], i.e. if the log is not a digitised curve.
+    """Parse the origin of a digitised curve from its log; None if the log is not a digitised curve.
 
     Raises:
         LogError: the head does not follow the README.md in this folder, or claims an accuracy below half a pixel.
@@ -107,7 +107,10 @@ def _check(log: Log, column: str, width: float, calibration: dict[str, Points]) 
 
 
 def _by_column(content: dict[str, Any]) -> dict[str, Any]:
-    """Flatten the tables of columns in `content`: TOML parses the dot in `controller.F_z_N` as a nested table."""
+    """Return the entries of a file's head by column name.
+
+    TOML parses the dot in `controller.F_z_N` as a nested table.
+    """
     tables = {key: content[key] for key in ("calibration", "uncertainty") if isinstance(content.get(key), dict)}
     return content | {key: dict(_columns("", table)) for key, table in tables.items()}
 

@@ -35,13 +35,16 @@ T = TypeVar("T")
 
 
 class ClusterLost(ComponentFailed):
-    """Loss of the scheduler or of all workers, or a timeout; rows written before are kept."""
+    """Error for the loss of a cluster during a sweep: scheduler or all workers gone, or a timeout.
+
+    Rows written before are kept.
+    """
 
 
 def call_with_timeout(
     limit: float, call: Callable[..., T], *arguments: Any, hear: Callable[[], None] = raise_interrupt, **named: Any
 ) -> T:
-    """Run `call` in a separate thread and return its result within `limit` s.
+    """Run a call in a separate thread and return its result within `limit` s.
 
     Dask's calls have no complete timeout, and in a separate thread Ctrl-C cannot interrupt them halfway. A call that
     does not return is abandoned with its thread.
@@ -71,14 +74,14 @@ def call_with_timeout(
 
 
 def attempt_with_timeout(limit: float, call: Callable[..., object], *arguments: Any, **named: Any) -> None:
-    """Run a cleanup `call` whose failure no longer matters, and abandon it after `limit` s."""
+    """Run a cleanup call whose failure no longer matters, and abandon it after `limit` s."""
     with suppress(Exception):
         call_with_timeout(limit, call, *arguments, hear=lambda: None, **named)
 
 
 @contextmanager
 def connect_client(scheduler: str) -> Iterator[Client]:
-    """Yield a client of the cluster at the address `scheduler`.
+    """Yield a Dask client of the cluster whose scheduler has the given address.
 
     Raises:
         InputRefused: no scheduler answers there, it has no workers, or one is not like this machine.
@@ -105,7 +108,7 @@ def connect_client(scheduler: str) -> Iterator[Client]:
 
 
 def refuse_other_versions(client: Client) -> None:
-    """Check that the scheduler and every worker run the same versions as this process.
+    """Refuse a Dask cluster unless scheduler and workers run the same versions as this process.
 
     Raises:
         InputRefused: one of them has other versions, or lacks a compatible twin.
@@ -125,7 +128,7 @@ def refuse_other_versions(client: Client) -> None:
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Return the versions that must match for a run to give the same bits, by their names in error messages.
+    """Return the software versions that must match for a run to give the same bits, by their names in messages.
 
     The version of twin is followed by a hash of its files: in a clone the code changes under the same version number.
     """
@@ -148,7 +151,9 @@ def _version(package: str) -> str:
 
 
 def difference(who: str, theirs: dict[str, str] | BaseException, ours: dict[str, str]) -> str:
-    """Describe version differences: `tcp://10.0.0.5:4001 has numba 0.59.1, this machine has 0.61.0`; "" if equal.
+    """Describe a difference of versions: `tcp://10.0.0.5:4001 has numba 0.59.1, this machine has 0.61.0`.
+
+    "" if the versions are equal.
 
     Args:
         who: name of the other process.
@@ -165,7 +170,7 @@ def difference(who: str, theirs: dict[str, str] | BaseException, ours: dict[str,
 
 
 def refusal(difference: str) -> str:
-    """Return the error message for a machine of the cluster that differs from this one."""
+    """Return the error message for a machine of the cluster with other versions than this one."""
     return (
         f"--engine dask: {difference}; runs would not give the same numbers everywhere: "
         "install the same on all machines (docs/sweep.md)"
@@ -173,7 +178,9 @@ def refusal(difference: str) -> str:
 
 
 def _refuse_no_scheduler(address: str) -> None:
-    """Check that the server at `address` is a Dask scheduler; Dask's client would wait forever for a silent server.
+    """Refuse an address at which no Dask scheduler answers.
+
+    Dask's client would wait forever for a silent server.
 
     Raises:
         InputRefused: no scheduler answers at the address.

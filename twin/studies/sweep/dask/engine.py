@@ -46,13 +46,13 @@ WORKER_DEATH = failure("the Dask worker died whenever it was tried")
 
 
 class DaskEngine:
-    """An `Engine` that uses the workers of the Dask cluster at the address `scheduler`."""
+    """Executor of a sweep's runs that uses the workers of a Dask cluster."""
 
     def __init__(self, scheduler: str):
         self._scheduler = scheduler
 
     def results(self, job: Job, tasks: Sequence[Task]) -> Generator[list[Result]]:
-        """Run `tasks` on the cluster, see `Engine.results`.
+        """Run the tasks of a sweep on the cluster and yield their results in batches.
 
         Raises:
             InputRefused: there is no such cluster, it lacks workers, or they are not like this machine.
@@ -70,7 +70,7 @@ class DaskEngine:
 
 
 class _Batches:
-    """The batches of a sweep in progress."""
+    """The batches of runs of a sweep that is in progress on a cluster."""
 
     def __init__(self, client: Client, job: Job, tasks: Sequence[Task]):
         assert client.scheduler is not None
@@ -83,7 +83,7 @@ class _Batches:
         self._threads, self._looked, self._worker_seen = 1, -CHECK_PERIOD, time.monotonic()
 
     def begin(self) -> None:
-        """Register the sweep with the scheduler and every worker, including workers that join later.
+        """Register the sweep with the cluster's scheduler and every worker, including workers that join later.
 
         Raises:
             ClusterLost: the cluster does not answer.
@@ -97,7 +97,7 @@ class _Batches:
                 ) from None
 
     def results(self) -> Generator[list[Result]]:
-        """Send all batches and yield their results, see `DaskEngine.results`."""
+        """Send all batches of runs to the cluster and yield their results."""
         # Keys and parameters are not needed to make a run.
         waiting = deque(replace(task, key="", parameters={}) for task in self._tasks.values())
         left = len(waiting)
@@ -124,14 +124,14 @@ class _Batches:
                 time.sleep(POLL_PERIOD)
 
     def stop(self) -> None:
-        """Cancel the batches in progress in every worker."""
+        """Cancel the batches of runs that are in progress in the cluster's workers."""
         # A lost cluster needs no cleanup, and the loss is already reported.
         if self._client.status == "running":
             attempt_with_timeout(END_TIMEOUT, self._client.cancel, list(self._under_way), force=True)
             attempt_with_timeout(END_TIMEOUT, self._client.unregister_worker_plugin, self._sweep)
 
     def _check_cluster(self) -> None:
-        """Check the connection and count the threads, at most once per `CHECK_PERIOD`.
+        """Check that the cluster is connected, and count its threads, at most once per `CHECK_PERIOD`.
 
         Raises:
             ClusterLost: the cluster is gone.
@@ -160,7 +160,10 @@ class _Batches:
         )
 
     def _batch(self, waiting: deque[Task]) -> list[Task]:
-        """Take the runs of the next batch; batches shrink towards the end, so that all threads finish together."""
+        """Take the runs of the next batch off the waiting ones.
+
+        Batches shrink towards the end, so that all threads finish together.
+        """
         share = -(-len(waiting) // (BATCHES_PER_THREAD * self._threads))
         seconds = max(BATCH_SECONDS, MIN_SECONDS_PER_THREAD * self._threads)
         size = max(1, min(int(seconds / self._seconds), MAX_BATCH_SIZE, share))
@@ -172,7 +175,7 @@ class _Batches:
         self._ended.add(future)
 
     def _is_worker_death(self, reply: Any) -> bool:
-        """Whether `reply`, results or the exception raised, means that all workers that tried the batch have died.
+        """Whether a batch failed because all cluster workers that tried it have died.
 
         Raises:
             ClusterLost: the scheduler is gone.
@@ -191,7 +194,7 @@ class _Batches:
         raise ComponentFailed(f"a worker of {self._address} cannot run a sweep: {type(problem).__name__}: {problem}")
 
     def _unpack_reply(self, reply: Sequence[RunFacts]) -> list[Result]:
-        """Convert `reply` to results, and update the estimated duration of a run."""
+        """Convert a worker's reply to results, and update the estimated duration of a run."""
         costs = [facts["seconds"] for _, facts in reply if facts["seconds"]]
         if costs:
             self._seconds += 0.3 * (sum(costs) / len(costs) - self._seconds)

@@ -19,11 +19,13 @@ RunFacts = tuple[int, dict[str, Any]]
 
 
 class _SweepEnd(Exception):
-    """The end of the sweep or of the worker."""
+    """Exception that ends the runs of a sweep in a cluster worker: the sweep or the worker has ended."""
 
 
 class SweepPlugin(WorkerPlugin):
-    """Worker plugin with a warm process of the sweep per thread; also installed on workers that join later.
+    """Dask worker plugin with one warm process of the sweep per thread.
+
+    It is also installed on workers that join later.
 
     Args:
         name: name of the sweep, unique in the cluster.
@@ -34,7 +36,7 @@ class SweepPlugin(WorkerPlugin):
         self.name, self._job, self._versions = name, job, versions()
 
     def setup(self, worker: Worker) -> None:
-        """Prepare the worker for the sweep and compare its versions; called by Dask."""
+        """Prepare a cluster worker for the sweep and compare its versions; called by Dask."""
         self._who = f"worker {worker.address}"
         self._difference = difference(self._who, versions(), self._versions)
         sweep = self._job.here / self._job.recordings.parent
@@ -45,7 +47,7 @@ class SweepPlugin(WorkerPlugin):
         self._processes: dict[int, tuple[threading.Lock, WarmProcess]] = {}
 
     def teardown(self, worker: Worker) -> None:
-        """End the processes of the sweep, even during a run; called by Dask when the sweep or the worker ends."""
+        """End the worker's processes of the sweep, even during a run; called by Dask at the end of sweep or worker."""
         self._stopping.set()
         with self._lock:
             for guard, process in self._processes.values():
@@ -53,7 +55,7 @@ class SweepPlugin(WorkerPlugin):
                     process.close()
 
     def results(self, tasks: Sequence[Task]) -> list[RunFacts]:
-        """Make the runs `tasks` and return their fields; fewer if the sweep ends meanwhile.
+        """Make runs of the sweep in this cluster worker and return their fields; fewer if the sweep ends meanwhile.
 
         Raises:
             InputRefused: this worker differs from the sending machine, or reads other files.
@@ -85,7 +87,7 @@ class SweepPlugin(WorkerPlugin):
 
 
 class EndPlugin(SchedulerPlugin):
-    """Scheduler plugin that ends a sweep in all workers when its client is gone, for example killed.
+    """Dask scheduler plugin that ends a sweep in all workers when its client is gone, for example killed.
 
     Args:
         name: name of the sweep.
@@ -96,7 +98,7 @@ class EndPlugin(SchedulerPlugin):
         self.name, self._client = name, client
 
     def remove_client(self, scheduler: Scheduler, client: str) -> None:
-        """End the sweep if its client is removed; called by Dask."""
+        """End the sweep if the removed client was its own; called by Dask."""
         if client == self._client:
             scheduler.remove_plugin(self.name)
             if self.name in scheduler.worker_plugins:
@@ -104,7 +106,7 @@ class EndPlugin(SchedulerPlugin):
 
 
 def run_tasks(name: str, tasks: Sequence[Task]) -> list[RunFacts]:
-    """Run `tasks` of the sweep `name` in a Dask worker; see `SweepPlugin.results`."""
+    """Make runs of a sweep in a Dask worker and return their fields."""
     plugin = get_worker().plugins[name]
     assert isinstance(plugin, SweepPlugin)
     return plugin.results(tasks)

@@ -77,7 +77,9 @@ HEIGHT_MARGIN = 0.1
 
 
 def visible_dots(x: Numbers, y: Numbers, most: int, cells: int = 150) -> Positions:
-    """Return the positions of the dots to draw, in order: in a crowd, the last `most` of each cell, which are on top.
+    """Return the positions of the dots to draw in a scatter plot, leaving out dots hidden beneath others.
+
+    In a crowd these are the last `most` of each cell, which are on top.
 
     Args:
         x, y: coordinates on the paper, in any unit.
@@ -99,7 +101,7 @@ def _cells(along: Numbers, cells: int) -> NDArray[np.int64]:
 
 
 def draw_front(sweep: SweepRows, asked: SweepQuery, path: Path) -> None:
-    """Draw the Pareto front and all ranked runs, and write the picture to `path` (PNG).
+    """Draw the Pareto front and all ranked runs of a sweep to `path` (PNG).
 
     Raises:
         NotWritten: the disk refuses.
@@ -134,7 +136,7 @@ def _points(columns: Columns, rows: Positions, asked: SweepQuery) -> tuple[Numbe
 
 
 def draw_sweep(sweep: SweepRows, axes: tuple[str, str], metric: str, path: Path) -> None:
-    """Write the map of `metric` over `axes` to `path` (PNG), a panel per drive.
+    """Draw the map of a metric over two varied parameters to `path` (PNG), a panel per drive.
 
     Cells of a grid show the best run at that point over all other parameters; sampled runs are dots. An orange cross is
     a run without that number.
@@ -170,7 +172,7 @@ def draw_sweep(sweep: SweepRows, axes: tuple[str, str], metric: str, path: Path)
 
 
 def shown_range(values: Numbers) -> tuple[float, float, str]:
-    """Return (low, high, remark) of the color scale, without outliers, which would flatten all other colors.
+    """Return (low, high, remark) of a map's color scale, without outliers, which would flatten all other colors.
 
     The remark counts the outliers clipped to the ends of the scale; "" without outliers.
     """
@@ -216,7 +218,7 @@ def _draw_panel(panel: Axes, shade: ScalarMappable, x: Numbers, y: Numbers, numb
 
 
 def _levels(x: Numbers, y: Numbers) -> tuple[Numbers, Numbers] | None:
-    """Return the sorted distinct values of `x` and `y` if the dots form a grid; None otherwise."""
+    """Return the sorted distinct coordinates of a sweep's dots if they form a grid; None otherwise."""
     # The first dots suffice to recognise a sample, and sorting a million is slow.
     few = math.isqrt(len(x)) + 1
     if len(np.unique(x[:few])) * len(np.unique(y[:few])) > len(x):
@@ -228,7 +230,7 @@ def _levels(x: Numbers, y: Numbers) -> tuple[Numbers, Numbers] | None:
 def _draw_grid(
     panel: Axes, shade: ScalarMappable, levels: Sequence[Numbers], best: Numbers, cells: NDArray[np.int64]
 ) -> None:
-    """Draw the best number of each of the `cells`, flat indices into `best`, with axes labelled by `levels`."""
+    """Draw a map of a grid sweep: the best number of each cell."""
     many = len(cells) > MAX_NUMBERED_CELLS
     if many:
         colours = shade.to_rgba(best)
@@ -258,7 +260,7 @@ def _draw_cell(panel: Axes, shade: ScalarMappable, i: int, j: int, best: float) 
 
 
 def draw_spreads(sweep: SweepRows, path: Path) -> None:
-    """Draw the distribution of each metric, and write the picture to `path` (PNG).
+    """Draw the distribution of each metric of a sweep to `path` (PNG).
 
     Raises:
         NotWritten: the disk refuses.
@@ -291,7 +293,7 @@ def draw_spreads(sweep: SweepRows, path: Path) -> None:
 
 
 def draw_bands(bands: Bands, sweep: SweepRows, path: Path) -> None:
-    """Draw the bands of the curves and write the picture to `path` (PNG).
+    """Draw the quantile bands of a sweep's curves to `path` (PNG).
 
     Panels A to D reproduce Fig. 4, with the force-position run on top, as in the paper; below are the true signals.
 
@@ -336,7 +338,7 @@ def _draw(axes: Axes, bands: Bands, name: str, scale: float, color: str, label: 
 
 
 def write_pictures(sweep: SweepRows, asked: SweepQuery, x: str | None, y: str | None, folder: Path) -> dict[str, Path]:
-    """Write the pictures into the existing `folder` (PNG) and return kind of picture -> file.
+    """Draw all pictures of a sweep into an existing folder (PNG); return kind of picture -> file.
 
     Args:
         x, y: parameters of the heat map; None for the first two.

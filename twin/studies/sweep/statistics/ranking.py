@@ -45,7 +45,7 @@ HOLDS_VERDICTS, FAILS_VERDICTS = ("holds", "reproduced after all"), ("fails", "n
 
 @cache_per_columns
 def value(columns: Columns, metric: str) -> Numbers:
-    """Return the value per run, (n,), of a metric or a claim's measured quantity.
+    """Return a metric, or a claim's measured quantity, for each run of a sweep, (n,).
 
     NaN if the run has no such value: it failed, no force was controlled, or the event never happened.
     """
@@ -58,7 +58,7 @@ def value(columns: Columns, metric: str) -> Numbers:
 
 
 def rank_value(columns: Columns, metric: str) -> Numbers:
-    """Return `value`, except 0 for the chatter amplitude of a held force without chatter."""
+    """Return the values that runs are ranked by: the metric, but 0 for a held force without chatter."""
     numbers = value(columns, metric)
     if metric != CHATTER_AMPLITUDE:
         return numbers
@@ -83,7 +83,7 @@ def round_metrics(numbers: Numbers) -> Numbers:
 
 
 def usual_metric(columns: Columns) -> str:
-    """Return the default metric to rank by.
+    """Return the default metric for ranking a sweep's runs.
 
     The hold error; the error since the first touch if no run held a force, or the rows are of an older twin; the
     lateral error if no force was controlled.
@@ -92,7 +92,7 @@ def usual_metric(columns: Columns) -> str:
 
 
 def usual_against(columns: Columns, by: str) -> str:
-    """Return the default second metric of the Pareto front."""
+    """Return the second metric of a sweep's Pareto front by default."""
     return _first_available(columns, [metric for metric in USUAL_AGAINST if metric != by])
 
 
@@ -102,19 +102,19 @@ def _first_available(columns: Columns, metrics: Sequence[str]) -> str:
 
 @cache_per_columns
 def metrics_in(columns: Columns) -> list[str]:
-    """Return the names of all metrics that at least one run has, built-in metrics first."""
+    """Return the names of all metrics that at least one run of a sweep has, built-in metrics first."""
     there = {name: ~np.isnan(columns.numbers(column)) for name, column in columns.names_in_group("metrics").items()}
     found = sorted((name for name, has in there.items() if has.any()), key=lambda name: int(there[name].argmax()))
     return [name for name in METRICS if name in found] + [name for name in found if name not in METRICS]
 
 
 def claims_in(columns: Columns) -> list[str]:
-    """Return the keys of the paper's claims judged on at least one run; with claims no run is better than another."""
+    """Return the keys of the paper's claims judged on at least one run of a sweep."""
     return list(columns.names_in_group("verdicts"))
 
 
 def require_rank(option: str, metric: str, known: Sequence[str], claims: Sequence[str] = ()) -> str:
-    """Return `metric` if runs can be ranked by it.
+    """Return a metric after checking that a sweep's runs can be ranked by it.
 
     Args:
         option: option of the command line, shown in error messages.
@@ -137,7 +137,7 @@ def _has_no_rank(metric: str) -> bool:
 
 @cache_per_columns
 def ranked_rows(columns: Columns, metric: str) -> Positions:
-    """Return the rows of completed runs within the sweep's limits that have `metric`, least first, ties in order."""
+    """Return the rows of completed runs within the sweep's limits, smallest metric first, ties in order."""
     numbers = rank_value(columns, metric)
     fit = columns.categorical("status").mask(lambda status: status == "done")
     fit &= columns.categorical("within_limits").mask(lambda all_curves: all_curves is not False) & ~np.isnan(numbers)
@@ -146,7 +146,10 @@ def ranked_rows(columns: Columns, metric: str) -> Positions:
 
 
 def floor_text(metric: str) -> str:
-    """Format the smallest relevant difference of `metric`: `0.05 N` or `5 %`; "" if every difference is relevant."""
+    """Format the smallest relevant difference of a metric: `0.05 N` or `5 %`.
+
+    "" if every difference is relevant.
+    """
     measure = BY_COLUMN.get(metric)
     if measure is None or not (measure.floor or measure.share):
         return ""
@@ -154,7 +157,10 @@ def floor_text(metric: str) -> str:
 
 
 def floor(metric: str, numbers: Numbers) -> Numbers:
-    """Return the largest irrelevant difference from each of `numbers`; 0 for a metric that is not a measure of twin."""
+    """Return the largest irrelevant difference from each value of a metric.
+
+    It is 0 for a metric that is not a measure of twin.
+    """
     measure = BY_COLUMN.get(metric)
     if measure is None:
         return np.zeros_like(numbers)
@@ -163,7 +169,7 @@ def floor(metric: str, numbers: Numbers) -> Numbers:
 
 @cache_per_columns
 def equal_to_best(columns: Columns, metric: str) -> Positions:
-    """Return the rows that equal the best one within the floor of the measure, without the best one.
+    """Return the rows of a sweep that do not differ relevantly from the best one, without the best one.
 
     Ordered by settling time (in steps of its floor), then overshoot, then the metric.
     """
@@ -179,7 +185,7 @@ def equal_to_best(columns: Columns, metric: str) -> Positions:
 
 
 def at_edges(columns: Columns, labels: Sequence[str], row: int) -> list[str]:
-    """Return the parameters whose value in `row` is the smallest or largest of three or more values tried."""
+    """Return the parameters whose value in a run is the smallest or largest of all tried values."""
     found = []
     for label in labels:
         tried = parameter(columns, label)
@@ -190,7 +196,7 @@ def at_edges(columns: Columns, labels: Sequence[str], row: int) -> list[str]:
 
 
 def parameter(columns: Columns, label: str) -> Numbers:
-    """Return the parameter of each run, (n,); NaN for values without an order: booleans and texts."""
+    """Return the value of a varied parameter in each run, (n,); NaN for booleans and texts."""
     found = columns.by_name.get(f"parameters/{label}")
     if isinstance(found, CategoricalColumn):
         numbers = (
@@ -203,23 +209,23 @@ def parameter(columns: Columns, label: str) -> Numbers:
 
 
 def numeric_labels(labels: Sequence[str], columns: Columns) -> list[str]:
-    """Return the parameters that are numbers in at least one run, in the given order."""
+    """Return the varied parameters that are numbers in at least one run, in the given order."""
     return [label for label in labels if not np.isnan(parameter(columns, label)).all()]
 
 
 def drives_in(columns: Columns) -> list[str | None]:
-    """Return the drives of the runs, in order of first appearance; None is the experiment's own."""
+    """Return the drives of a sweep's runs, in order of first appearance; None is the experiment's own."""
     return list(columns.categorical("drive").counts)
 
 
 def drive_mask(columns: Columns, drive: str | None) -> NDArray[np.bool_]:
-    """Return the mask, (n,), of the runs of a drive."""
+    """Return the mask (n,) of the sweep's runs with a drive."""
     return columns.categorical("drive").mask(lambda name: name == drive)
 
 
 @dataclass(frozen=True)
 class MetricSpread:
-    """The distribution of a metric.
+    """Distribution of a metric over the runs of a sweep.
 
     Attributes:
         metric: name of the metric.
@@ -241,7 +247,7 @@ class MetricSpread:
 
 @cache_per_columns
 def metric_spread(columns: Columns, metric: str) -> MetricSpread | None:
-    """Return the distribution of `metric` over all finished runs, within limits or not; None if no run has it."""
+    """Return the distribution of a metric over all finished runs; None if no run has it."""
     numbers = value(columns, metric)
     numbers = numbers[~np.isnan(numbers)]
     if len(numbers) == 0:
@@ -254,7 +260,7 @@ def metric_spread(columns: Columns, metric: str) -> MetricSpread | None:
 
 
 def _bins(numbers: Numbers) -> tuple[int, tuple[float, float]]:
-    """Return (number of bins, range); one bin if the values differ too little to be divided into twelve."""
+    """Return (number of bins, range) of a histogram; one bin if the values hardly differ."""
     scale = max(1.0, float(np.abs(numbers).max()))
     low, high = float(numbers.min()), float(numbers.max())
     if high - low <= 10.0**-METRIC_DECIMALS * scale:
@@ -264,7 +270,7 @@ def _bins(numbers: Numbers) -> tuple[int, tuple[float, float]]:
 
 @cache_per_columns
 def pareto_front(columns: Columns, one: str, other: str) -> Positions:
-    """Return the Pareto-optimal rows of two metrics, least `one` first.
+    """Return the Pareto-optimal rows of two metrics, smallest first metric first.
 
     Candidates are the rows ranked by `one` that also have `other`. A run dominates another if it has no more of either
     metric and less of one of them.
@@ -286,7 +292,7 @@ def pareto_front(columns: Columns, one: str, other: str) -> Positions:
 
 @dataclass(frozen=True)
 class WorstRun:
-    """The worst run for one choice of the drive and all other parameters.
+    """The worst run of a sweep for one choice of the drive and all parameters but one.
 
     Attributes:
         row: row of the worst run.
@@ -302,7 +308,9 @@ class WorstRun:
 
 
 def worst_over(columns: Columns, metric: str, label: str, labels: Sequence[str]) -> list[WorstRun]:
-    """Find the worst run over `label` for each choice of the other parameters; least worst first, ties in row order.
+    """Find the worst run over one parameter, for each choice of the other parameters.
+
+    The smallest worst comes first, ties in row order.
 
     Args:
         metric: metric to minimise.
@@ -333,7 +341,7 @@ def worst_over(columns: Columns, metric: str, label: str, labels: Sequence[str])
 
 @dataclass(frozen=True)
 class DriveScore:
-    """The score of a drive in the sweep.
+    """Score of a drive in the ranking of a sweep's drives.
 
     Attributes:
         drive: name; "" for the experiment's own.
@@ -356,13 +364,13 @@ class DriveScore:
 
     @property
     def distinguishable(self) -> bool:
-        """Whether the interval excludes 0, i.e. the runs distinguish the drive from the first."""
+        """Whether the runs distinguish the drive from the first: the interval of the difference excludes 0."""
         low, high = self.behind_interval
         return low > 0.0 or high < 0.0
 
 
 def drive_ranking(columns: Columns, metric: str) -> list[DriveScore]:
-    """Rank the drives by share of completed runs, then by median of the metric.
+    """Rank the drives of a sweep by share of completed runs, then by median of the metric.
 
     A drive that fails where another is slow must not look better for it, so completed runs count before the median. All
     drives run the same points, so differences are taken point by point, which cancels the common effect of the points
@@ -390,7 +398,10 @@ def drive_ranking(columns: Columns, metric: str) -> list[DriveScore]:
 
 
 def _shared_points(columns: Columns, mine: list[NDArray[np.bool_]], done: Numbers) -> Numbers:
-    """Return the metric, (drives, points), at the points finished by every drive; NaN where not completed."""
+    """Return the metric of each drive, (drives, points), at the points finished by every drive.
+
+    NaN where a run was not completed.
+    """
     point = np.zeros(len(columns), np.intp)
     for name in columns.names_in_group("parameters").values():
         column = columns.by_name[name]
@@ -415,7 +426,7 @@ def _resample(points: int) -> Iterator[NDArray[np.int64]]:
 
 
 def _chances(table: Numbers) -> Numbers:
-    """Return the share of bootstrap samples won by each drive, (drives,); a tie is shared."""
+    """Return each drive's share of the bootstrap samples that it wins, (drives,); a tie is shared."""
     if table.shape[1] == 0:
         return np.full(len(table), np.nan)
     first = np.zeros(len(table))
@@ -430,7 +441,7 @@ def _chances(table: Numbers) -> Numbers:
 
 
 def _median_and_interval(differences: Numbers) -> tuple[float, tuple[float, float]]:
-    """Return (median, 95 % interval) of the differences at points completed by both drives."""
+    """Return (median, 95 % interval) of a drive's differences to the first drive, point by point."""
     known = differences[np.isfinite(differences)]
     if len(known) == 0:
         return math.nan, (math.nan, math.nan)
@@ -444,7 +455,7 @@ def _median(numbers: Numbers) -> float:
 
 @dataclass(frozen=True)
 class Likelihood:
-    """The probability that a claim holds in a sweep.
+    """Probability that a claim of the paper holds in a sweep.
 
     Attributes:
         claim: claim judged.
@@ -463,13 +474,16 @@ class Likelihood:
 
     @property
     def share(self) -> float:
-        """Share of successes among the judged runs; NaN without judged runs."""
+        """Share of the judged runs in which the claim holds; NaN without judged runs."""
         return self.holds / self.judged if self.judged else float("nan")
 
 
 @cache_per_columns
 def likelihoods(columns: Columns) -> list[Likelihood]:
-    """Return the probability of each claim judged in at least one run, in the paper's order, without failed runs."""
+    """Return the probability of each claim judged in at least one run, in the paper's order.
+
+    Failed runs do not count.
+    """
     judged = columns.names_in_group("verdicts")
     if not judged:
         return []
@@ -512,7 +526,7 @@ def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Bands:
-    """Pointwise quantiles of curves: `bands["position.F_z"]` is (quantiles, n) at times `t` (s); m and N.
+    """Pointwise quantiles of a sweep's curves: `bands["position.F_z"]` is (quantiles, n) at times `t` (s); m and N.
 
     Quantiles over `runs` runs are taken at each time separately: no single run need follow one.
     """
@@ -528,7 +542,7 @@ class Bands:
 
 
 def bands(rows: Sequence[Row]) -> Bands | None:
-    """Compute the quantiles of the curves over the runs that have curves; None without such runs.
+    """Compute pointwise quantiles of the runs' curves; None if no run has curves.
 
     Raises:
         InputRefused: the curves of a run are damaged, or have other names or lengths than earlier runs.

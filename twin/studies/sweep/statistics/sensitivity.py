@@ -24,7 +24,7 @@ index four times in five, because A and B are not independent in so short a Sobo
 
 @dataclass(frozen=True)
 class Correlation:
-    """Spearman's rank correlation of a parameter with a metric.
+    """Spearman's rank correlation of a varied parameter with a metric.
 
     Attributes:
         rho: correlation, -1 .. 1; positive if the metric rises with the parameter.
@@ -41,7 +41,9 @@ class Correlation:
 
 
 def rank_correlation(columns: Columns, label: str, metric: str) -> Correlation | None:
-    """Compute the rank correlation over the runs of one drive; None if too few runs have both, or one is constant.
+    """Compute the rank correlation of a parameter with a metric over the runs of one drive.
+
+    None if too few runs have both, or one is constant.
 
     Sources: Spearman (1904), ties share the mean of their ranks. Interval: Fisher's z with the variance (1 + rho^2/2) /
     (n - 3) of Bonett and Wright (2000). p: Student's t with n - 2 degrees of freedom (Kendall and Stuart, Advanced
@@ -71,7 +73,7 @@ def rank_correlation(columns: Columns, label: str, metric: str) -> Correlation |
 
 @cache_per_columns
 def _ranks_of(columns: Columns, metric: str) -> Numbers:
-    """Return the ranks of the runs that have `metric`, cached since every parameter is correlated with it."""
+    """Return the ranks of a sweep's runs by a metric, cached since every parameter is correlated with it."""
     numbers = value(columns, metric)
     return _ranks(numbers[~np.isnan(numbers)])
 
@@ -107,7 +109,7 @@ class Index:
 
 @dataclass(frozen=True)
 class Indices:
-    """Sobol' indices from the rows of one drive.
+    """Sobol' indices of all varied parameters, from the rows of one drive.
 
     Attributes:
         entries: indices per parameter; empty if they cannot be computed.
@@ -156,7 +158,7 @@ def sobol_indices(columns: Columns, labels: Sequence[str], runs: int, metric: st
 
 
 def estimates(f_A: Numbers, f_B: Numbers, f_AB: Numbers) -> tuple[Numbers, Numbers]:
-    """Estimate the first-order and total indices, (..., d) each.
+    """Estimate first-order and total Sobol' indices, (..., d) each, from model outputs.
 
     Sources: Saltelli et al. (2010), Table 2: (b) for the first order, (f) after Jansen (1999) for the total. Values are
     centred first, which reduces the error and leaves the indices unchanged.
@@ -176,7 +178,7 @@ def estimates(f_A: Numbers, f_B: Numbers, f_AB: Numbers) -> tuple[Numbers, Numbe
 
 
 def _indices(blocks: Numbers, labels: Sequence[str]) -> tuple[Index, ...]:
-    """Compute the indices of complete blocks (n, d + 2)."""
+    """Compute the Sobol' indices of complete blocks of runs (n, d + 2)."""
     first, total = estimates(blocks[:, 0], blocks[:, 1], blocks[:, 2:].T)
     halves = half_widths(blocks) if len(blocks) >= MIN_INTERVAL_BLOCKS else np.full((2, len(labels)), np.nan)
 
@@ -206,7 +208,7 @@ def half_widths(blocks: Numbers) -> Numbers:
     a, b, change = blocks[:, 0, None] - mean, blocks[:, 1, None] - mean, blocks[:, 2:] - blocks[:, :1]
 
     def without(each: Numbers) -> Numbers:
-        """Leave-one-out means, (n, ..)."""
+        """Return the leave-one-out means of a sample, (n, ..)."""
         return (each.sum(axis=0) - each) / (n - 1)
 
     middle = 0.5 * without(a + b)
@@ -218,7 +220,7 @@ def half_widths(blocks: Numbers) -> Numbers:
 
 
 def why_no_indices(design: str) -> str:
-    """Return the reason why a design allows no Sobol' indices; "" if it does."""
+    """Return the reason why a design allows no Sobol' indices; "" if it allows them."""
     if design == "saltelli":
         return ""
     return f'no Sobol indices: they need design = "saltelli", this is "{design}"; rank correlations need no design'
