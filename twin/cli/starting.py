@@ -94,7 +94,8 @@ def log_new(log: Annotated[Path, Argument("A CSV file of a robot.", "CSV")]) -> 
     """Write a column map for a robot's CSV file, next to it.
 
     Names, units and values decide which columns are the time, the encoders of
-    motors and joints, and the measured force. Doubtful lines are comments. An existing map is never changed.
+    motors and joints, and the measured force. Doubtful lines are comments. An
+    existing map is never changed.
 
     Exit code: 0 written, 2 refused.
 

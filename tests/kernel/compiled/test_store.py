@@ -18,7 +18,7 @@ from twin.kernel.compiled.function import njit
 from twin.kernel.compiled.store import damaged_files, name_of, object_files, seal, store_file, stored_code
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="owners and modes of POSIX")
-WHERE = "import twin.kernel.compiled.store as s; print(s.folder()); print(s.refusal())"
+WHERE = "import twin.kernel.compiled.store as s; print(s.object_folder()); print(s.refusal())"
 CODE = {"twin.a.o": b"machine code" * 50, "twin.b.o": b"other code" * 50}
 
 

@@ -253,7 +253,7 @@ import random, sys, zipfile
 from pathlib import Path
 from twin.kernel.fmi import unpacked as module
 from twin.kernel.archive import sha256
-module.MOST_UNPACKED = 1
+module.MAX_UNPACKED_FMUS = 1
 name = "binaries/linux64/servo.so"
 draw = random.Random(int(sys.argv[1]))
 for _ in range(int(sys.argv[2])):

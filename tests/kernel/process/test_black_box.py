@@ -39,7 +39,7 @@ def test_a_call_that_has_returned_is_not_blamed():
     cleared = failure_message(account, box, "crashed", None, "")
     box.close()
     assert blamed.startswith(
-        "acme.fmu (drive_1) crashed in fmi2Instantiate, before the first step. acme.fmu is not fit"
+        "acme.fmu (drive_1) crashed in fmi2Instantiate, before the first step. acme.fmu is unusable"
     )
     assert cleared == "the process of this job crashed between two steps, before the first step."
 

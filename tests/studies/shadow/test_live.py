@@ -127,15 +127,15 @@ STALLED = """
 import sys, time
 from twin.kernel.recording.sources.dds import DdsSource
 source = DdsSource("ros2:/joint_states")
-while "/joint_states" not in source.seen():
+while "/joint_states" not in source.topic_types():
     time.sleep(0.01)
 source.subscribe("/joint_states")
 stamps, n = set(), int(sys.argv[1])
 until = time.monotonic() + 30
 while len(stamps) < n and time.monotonic() < until:
     {stall}
-    stamps.update(one.data[4:12] for one in source.take(0.1))
-print(len(stamps), source.dropped)
+    stamps.update(one.data[4:12] for one in source.receive(0.1))
+print(len(stamps), source.drop_count)
 source.close()
 """
 HOLD = """
