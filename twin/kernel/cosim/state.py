@@ -323,9 +323,11 @@ class StatePlaces:
         return {(component, name) for component, name, _ in self._holders}
 
     def _split_state(self, saved: SavedState) -> tuple[list[SavedPiece], dict[tuple[str, str], bytes]]:
-        """Split a saved state into memory pieces of this process and contents for holders, by (component, holder name).
+        """Split a saved state into the memory pieces of this process, and the contents that its holders restore.
 
-        The content for a holder of a whole component is a serialised `SavedState`.
+        Returns:
+            The pieces, and (component, holder name) -> serialised state. A holder that saves its whole component, which
+            lives in another process, gets a `SavedState` with all pieces of the component.
         """
         pieces, left = list(saved.pieces), list(saved.inside)
         contents: dict[tuple[str, str], bytes] = {}

@@ -332,7 +332,13 @@ class ModelExchange(Instance):
                 )
 
     def _numbers(self, name: str, count: int) -> np.ndarray:
-        """Read `count` doubles by the FMU's function `Get{name}`, and check that it writes exactly as many."""
+        """Read a whole vector of the model, `count` doubles, with the FMU's function `Get{name}`.
+
+        Reject an FMU that writes more or fewer numbers, detected by guard values in and behind the buffer.
+
+        Args:
+            name: for example "ContinuousStates" or "EventIndicators".
+        """
         if count == 0:
             return np.zeros(0)
         values = np.full(count + GUARD_SIZE, GUARD_VALUE)

@@ -48,7 +48,10 @@ class Reporter(Protocol):
     """
 
     def note(self, **facts: Any) -> None:
-        """Send the note `facts` to the listener of this job in the parent process."""
+        """Send a note to the parent process, whose listener receives the keyword arguments as a dictionary.
+
+        A job may send notes while it runs, for example `note(serving=address)`. Its result is sent separately.
+        """
 
     def loading(self) -> None:
         """Report that components are being created from now on; a failure is then an input error."""

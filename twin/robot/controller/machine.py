@@ -214,7 +214,11 @@ def _due_phase(m, phase, t, h, z, v_z, F_z, F_rate):
 
 @njit(cache=True)
 def _time_to_turn(m, phase, z, h):
-    """Return the time (s) until a tap reverses, if it reverses before the next call; otherwise 0 or the period h."""
+    """Return the time (s) until the reversal of a tap must be commanded, limited to 0 .. `h`, the period of the calls.
+
+    The command leads the planned depth by `m.t_turn`. 0 if the reversal is due now, or if the phase is not the descent
+    of a tap; `h` if it is not due before the next call.
+    """
     if phase.until != PhaseEnd.TURN or m.v[2] >= 0.0:
         return 0.0
     return min(max((m.z_turn - z) / m.v[2] - m.t_turn, 0.0), h)

@@ -37,7 +37,7 @@ class PhaseKind(IntEnum):
 
     @property
     def phrase(self) -> str:
-        """Name of the phase kind for the time line of a run: `build-up`."""
+        """Name of the phase kind in events and recordings: lower case with hyphens, for example `build-up`."""
         return self.name.lower().replace("_", "-")
 
 

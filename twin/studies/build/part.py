@@ -173,7 +173,11 @@ def part_of(experiment: Experiment, name: str) -> RobotPart:
 
 
 def _row_components(row: ComponentRow, build: Build) -> list[Component]:
-    """Create the components of one row of the robot; drives and third-party parts are replaced by their ports."""
+    """Create the components of one row of `COMPONENT_ROWS`, for export.
+
+    Drives and third-party parts are not exported: a placeholder without a step, with their ports and initial outputs,
+    represents them in the wiring.
+    """
     if row.name == DRIVE_ROW:
         return [Component(DRIVE_ROW, DRIVE_INPUTS, DRIVE_OUTPUTS, False, 0, 0, build.theta_m)]
     if row.name in build.experiment.stand_ins:

@@ -172,7 +172,10 @@ def refuse_unknown(experiment: Experiment, system: System) -> None:
 
 
 def _signals(measure: Measure) -> list[tuple[str, str]]:
-    """Return (key, signal) for every signal that a measure uses."""
+    """Return the signals that a [[measure]] table names, as pairs (key of the table, signal).
+
+    The keys are "signal" and "reference". Empty for measures without these keys, such as a path or a requirement.
+    """
     named = [("signal", measure.signal)] if isinstance(measure, SignalMeasure) else []
     return [*named, ("reference", measure.reference)] if isinstance(measure, ReferenceMeasure) else named
 

@@ -165,7 +165,11 @@ def identify_log(
 
 
 def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
-    """Reject a log without a plausible k_s eta."""
+    """Reject a fit whose k_s eta (stiffness times belt efficiency) is undetermined, implausible or not converged.
+
+    LogError, because units or signs are probably wrong: more than `PLAUSIBLE_FACTOR` times away from the belief, or no
+    convergence. NotIdentifiable: the slow motion in the air and on the scale does not determine it.
+    """
     k, believed, axis = found.x[KAPPA], belief.k_s * belief.eta, found.direction(KAPPA)
     pressing, air = int(np.sum(on_scale(found.seen))), int(np.sum(in_air(found.seen)))
     plausible = 1.0 / PLAUSIBLE_FACTOR < k / believed < PLAUSIBLE_FACTOR

@@ -188,7 +188,12 @@ class ListedDrive(NamedTuple):
 
 
 def listed_drives(start: Path) -> tuple[ListedDrive, ...]:
-    """Return the drives of fmus/, searched from folder `start` upwards, by name.
+    """List all drives in the folder fmus/, sorted by name, with kind, command and FMI versions.
+
+    A drive that does not fit the robot is listed with the reason.
+
+    Args:
+        start: folder from which fmus/ is searched upwards.
 
     Raises:
         InputRefused: fmus/ does not exist.

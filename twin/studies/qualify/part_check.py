@@ -145,7 +145,10 @@ def _fmu_checks(bench: _Bench, inputs: Inputs, first: PartCalls) -> Iterator[Che
 
 
 def _state_checks(bench: _Bench, inputs: Inputs) -> Iterator[Check]:
-    """Yield a check of whether a part continues identically from a restored state."""
+    """Check whether a part gives the same outputs again after its state is saved and restored; yield the result.
+
+    The verdict is "ok", or "note" if the outputs differ or the part cannot save its state, which no run needs.
+    """
     with bench.make_component() as component:
         if lacking := component.lacks_state(portable=False):
             yield Check("state", "note", f"{lacking}; a run does not need it")

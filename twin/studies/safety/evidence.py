@@ -91,14 +91,16 @@ def _toml(value: Any) -> str:
 
 @dataclass(frozen=True)
 class HazardLine:
-    """Line of the hazard table, with its runs.
+    """Line of the hazard table with its evidence: all runs, and the distances from violating a requirement.
 
     Attributes:
-        hazard: the line of the table.
-        runs: all runs: grid, then search, then draws.
-        distances: distance of the healthy robot from violating a requirement, by formula and body.
+        hazard: content of the line in the table: causes, limit, control measure.
+        runs: all runs: the grid of causes, then the search for a worse case, then random draws.
+        distances: distance of the healthy robot from violating a requirement (SI), negative if violated; the key names
+            formula, body and offset.
         head_area: area of the head (m2).
-        variants: (peak, left) in N of the worst run with other hardware, by name; None if it fails.
+        variants: name of other hardware -> (peak force, force at the end) (N) of the line's worst run repeated with it;
+            None if that run fails.
     """
 
     hazard: Hazard

@@ -94,7 +94,9 @@ def _freeze_objects() -> None:
 
 
 def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
-    """Run one experiment of a sweep and measure it; a failed run also gives a finding.
+    """Run one experiment of a sweep and return its finding: status, reason, metrics and wall times.
+
+    Every error of the run is caught: the finding then has the status and the reason, and no metrics.
 
     Args:
         drive, settings: see `load_experiment`.

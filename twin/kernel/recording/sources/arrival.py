@@ -49,10 +49,13 @@ class RobotSource(Protocol):
         """Published topics -> types of their messages, such as `sensor_msgs/msg/JointState`."""
 
     def subscribe(self, topic: str) -> ForeignTopic | None:
-        """Subscribe to a published topic of the robot, and describe it; None if its arrivals are readings.
+        """Subscribe to a published topic of the robot, and return its message encoding and message type.
+
+        Returns:
+            Description of the topic; None if the source has readings instead of messages, see `has_messages`.
 
         Raises:
-            LogError: an unknown type.
+            LogError: the message type is unknown.
         """
 
     def publisher_count(self, topic: str) -> int:
