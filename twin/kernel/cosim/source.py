@@ -77,7 +77,7 @@ def step(m, t, h, u, y):
 
 
 def source(name: str, ports: Sequence[Port], signals: Sequence[Signal], start: float = 0.0) -> NativeComponent:
-    """Make a component that outputs the present value of each of the sampled `signals` at every tick.
+    """Make a component that outputs the value of each of the `signals` at every tick; see `SampledSignal`.
 
     Args:
         ports: outputs of size 1, one per signal.
