@@ -159,7 +159,8 @@ BAD = {
     "too late": (lambda c, r: (c.step(), c.wire(*WIRES[0])), "the system runs already; give it its wires before"),
     "no end": (lambda c, r: (twin.Cosimulation(tick=1e-3).step()), "no end is given; expected stop=SECONDS"),
     "a factor": (
-        lambda c, r: (c.add("gain", Gain()), c.wire("gain.y", "follower.omega_ref", 2.0), c.step()), "apply it in the Python component",
+        lambda c, r: (c.add("gain", Gain()), c.wire("gain.y", "follower.omega_ref", 2.0), c.step()),
+        "apply it in the Python component",
     ),
     "units": (
         lambda c, r: (c.add("gain", Gain()), c.wire("leader.theta_m", "gain.u"), c.step()),
