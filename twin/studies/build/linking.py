@@ -5,8 +5,8 @@ libraries of them all.
 
 The object files are emitted from the modules of `twin.kernel.compiled.machine`. Such a module is platform independent:
 its types fix the size of its numbers, pointers have 64 bits, and its interface consists of pointers and doubles, which
-every C ABI passes in the same way. So LLVM can emit it for any platform. LLVM ends the process if it cannot emit code for a
-platform: the caller must survive that.
+every C ABI passes in the same way. So LLVM can emit it for any platform. LLVM ends the process if it cannot emit
+code for a platform: the caller must survive that.
 """
 
 import hashlib
