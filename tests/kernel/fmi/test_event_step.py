@@ -325,9 +325,9 @@ def test_nothing_is_compiled_while_a_call_is_announced(shaft: Maker, monkeypatch
         """`update_discrete_states`, not compiled yet."""
 
         @property
-        def called(self) -> Any:
+        def c_function(self) -> Any:
             during.append(announced[-1])
-            return compiled.called
+            return compiled.c_function
 
     monkeypatch.setattr(update_discrete_states, "native", Later())
     turned(shaft(ALL), "flips")
