@@ -61,7 +61,8 @@ USELESS: dict[str, tuple[dict[str, Any], str]] = {
         {"kinds": {"": "co_simulation", "a": "co_simulation", "b": "co_simulation"}}, "each has one of its own",
     ),
     "an order of those that step at once": (
-        {"order": ["b"], "scheme": "jacobi"}, "with Jacobi coupling, where all step at once; leave it out, or choose --scheme",
+        {"order": ["b"], "scheme": "jacobi"},
+        "with Jacobi coupling, where all step at once; leave it out, or choose --scheme",
     ),
 }  # fmt: skip
 
