@@ -78,7 +78,7 @@ def test_a_log_that_begins_later_is_shifted(robot_csv: str):
 def test_a_log_without_a_map_beside_it_is_read_by_the_names_of_its_columns(robot_csv: str):
     Path("logs/robot.map.toml").unlink()
     refused = answer("log", log=robot_csv)["refused"]
-    assert "clock (s)" in refused and refused.endswith("robot.map.toml: twin log new logs/robot.csv")
+    assert "clock (s)" in refused and refused.endswith("robot.map.toml next to it: twin log new logs/robot.csv")
     # names of twin's own need no map
     table = Path(robot_csv)
     table.write_text(table.read_text().replace("clock (s)", "t_s").replace("load (N)", "scale.F_z_N"))

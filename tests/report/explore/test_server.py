@@ -308,7 +308,7 @@ class OneSession:
     async def attend(self) -> None:
         pass
 
-    def facts(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         return {"proposal": "k_s", "block": ""}
 
     async def accept(self, proposal: object) -> str:
