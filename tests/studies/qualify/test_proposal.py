@@ -226,7 +226,7 @@ def test_the_wires_of_an_ssp_are_those_of_its_structure(shop: Path, tmp_path: Pa
     }  # fmt: skip
     assert tomllib.loads(text)["wires"] == {"motor.u": "power_stage.u_out"}
     assert "# [V] <- [V], it is wired already" in text
-    assert "# [V] <- ?, there is no power_stage.nothing" in text
+    assert "# [V] <- ?, power_stage.nothing does not exist" in text
     assert "it has a LinearTransformation" in text
     assert plan_of(with_gains(tmp_path / "servo" / "mapping.toml")).wires == (("power_stage.u_out", "motor.u"),)
 
