@@ -97,7 +97,7 @@ def test_branches_are_compared_in_text_and_picture(pressing: Path, tmp_path: Pat
         (["cosim.scheme=jacobi"], "cosim cannot change in mid-run"),
         (
             ["drive.unpowered.holding_Nm=0.02"],
-            "drive cannot change in mid-run: what a drive holds inside fits no other",
+            "drive cannot change in mid-run: a drive's internal state fits no other",
         ),
         (["drive.fmu=pmsm_foc"], "drive cannot change in mid-run"),
         (["plant.l_a_mm=80"], "lengths of the mechanism cannot change in mid-run"),
@@ -154,5 +154,5 @@ def test_a_run_without_a_state_branches_by_running_again(stateless: Path, tmp_pa
 @pytest.mark.slow
 def test_another_third_party_part_is_refused_in_mid_run(pressing: Path, tmp_path: Path):
     file = Path(twin.__file__).parents[1] / "examples" / "my_controller.py"
-    with pytest.raises(InputRefused, match="controller cannot change in mid-run: what a third-party part holds"):
+    with pytest.raises(InputRefused, match="controller cannot change in mid-run: the state of a third-party part"):
         branch(pressing, ignore_progress, AT, [f"controller.python={file}:Controller"], out=tmp_path)

@@ -217,7 +217,7 @@ def test_a_twin_that_does_not_answer_is_waited_for_no_longer_than_a_moment(monke
             assert explorer.accept("k_s") == f"{name} does not answer."
 
 
-STRANGER = "is no live server of twin; expected twin shadow --live"
+STRANGER = "is not a live server of twin; expected twin shadow --live"
 
 
 @pytest.mark.parametrize(
@@ -238,7 +238,7 @@ def test_a_page_server_in_its_place_is_named():
     with socketserver.TCPServer(("127.0.0.1", 0), http.server.BaseHTTPRequestHandler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         with listening(f"ws://127.0.0.1:{server.server_address[1]}") as explorer:
-            explorer.until(lambda facts: "refuses" in facts["problem"] or "is no live server" in facts["problem"])
+            explorer.until(lambda facts: "refuses" in facts["problem"] or "is not a live server" in facts["problem"])
         server.shutdown()
 
 

@@ -76,7 +76,7 @@ def shared() -> Linearisation:
 def test_the_poles_are_those_of_the_compiled_laws(shared, i, gains):
     corner = fig4_corners()[i]
     shared.experiment = with_gains(corner.experiment, gains)
-    point = shared.at(corner.point)
+    point = shared.linear_point(corner.point)
     ours, theirs = (np.linalg.eigvals(close_loops(corner, gains)[0]), closed_poles(point.loops, point.gains))
     distances = np.abs(ours[:, None] - theirs[None])
     # eigenvalues that nearly coincide lose half the digits
