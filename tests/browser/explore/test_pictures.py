@@ -48,7 +48,7 @@ def test_a_fault_is_placed_on_the_time_axis_moved_and_repaired(context: BrowserC
         page.click("#faults button")
         # it begins where twin faults lets it begin in contact
         experiment = shipped("pressing")
-        _, contact = onsets_of(experiment, healthy_run(experiment), ())
+        _, contact = onsets_of(experiment, healthy_run(experiment))
         expect(page.get_by_label("at (s)").last).to_have_value(f"{contact:g}", timeout=20_000)
         page.get_by_label("at (s)").last.fill("6")
         page.get_by_label("at (s)").last.press("Enter")

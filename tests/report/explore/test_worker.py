@@ -100,7 +100,7 @@ def test_a_run_without_a_monitor_says_so_where_its_reaction_would_stand():
 @pytest.mark.parametrize("faults", [[], [{"kind": "power_off", "target": "power", "onset_s": 0.5}]])
 def test_a_fault_begins_where_twin_faults_lets_it_begin_in_contact(faults: list[dict[str, Any]]):
     experiment = shipped("pressing")
-    onset = onsets_of(experiment, healthy_run(experiment), ())[1]
+    onset = onsets_of(experiment, healthy_run(experiment))[1]
     trace = run_in_memory(experiment)
     assert answer("onset", {"faults": faults}, {"experiment": "pressing"}) == {"onset": onset}
     assert -trace["plant.F_ee_B"][round(onset / trace.tick), 2] > 5.0

@@ -1,7 +1,5 @@
 """Onsets of faults in free motion and in contact, chosen from a healthy run of the experiment."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -83,13 +81,13 @@ def default_onsets(healthy: Outcome) -> tuple[int, int]:
     return (descent + first) // 2, int(longest.sum()) // 2
 
 
-def onsets_of(experiment: Experiment, healthy: Outcome, wanted: Sequence[float] = ()) -> tuple[float, ...]:
-    """Return the fault onsets (s) to use: those `wanted`, or the defaults of the healthy run if `wanted` is empty.
+def onsets_of(experiment: Experiment, healthy: Outcome) -> tuple[float, ...]:
+    """Return the default fault onsets (s) of an experiment, from its healthy run.
 
     Raises:
         InputRefused: see `default_onsets`.
     """
-    return tuple(wanted) or tuple(tick * experiment.cosim.tick for tick in default_onsets(healthy))
+    return tuple(tick * experiment.cosim.tick for tick in default_onsets(healthy))
 
 
 def _spans(true: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -161,7 +161,8 @@ def load_stage(
     if moved:
         experiment = load_experiment(path, (*settings, *moved), drive, body)
     stage = Stage(experiment, body or "", offset, (*settings, *moved), onsets, share)
-    stage.onsets = onsets_of(experiment, stage.healthy, onsets)
+    # its errors are raised here rather than at the first fault
+    _ = stage.healthy, stage.onsets
     return stage
 
 
