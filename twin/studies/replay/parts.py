@@ -38,6 +38,8 @@ JOINT_RESIDUAL = (Port("theta_l", 3, "rad", "joint angles of the plant model les
 SETTLING_TIME = 1.0
 """Simulated time before each start, with the motors at the first sample's angles (s): 20 time constants of the springs'
 oscillation with the robot's joint friction, 5 with a quarter of it."""
+RESTART_TEXT = "the plant model starts anew, at rest"
+"""Text of the event of a restart after a gap."""
 
 Rows = dict[str, NDArray[np.float64]]
 """Rows by topic, (n, width); an all-NaN row is missing."""
@@ -241,7 +243,7 @@ class PlantModel:
             if a == b:
                 continue
             if a in breaks and self._run is not None:
-                self.happenings.append(Happening(float(samples.t[a]), "the plant model starts anew, at rest"))
+                self.happenings.append(Happening(float(samples.t[a]), RESTART_TEXT))
                 self._run = None
             begin = a
             while begin < b:

@@ -16,7 +16,7 @@ from twin.kernel.recording.writer import Writer
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS as ESTIMATES
 from twin.robot.plant.component import PLANT_OUTPUTS as MOTION
 from twin.robot.plant.encoder import SCALE_OUTPUTS as SCALE
-from twin.studies.replay.parts import ENCODER_PORTS, FORCE_RESIDUAL, JOINT_RESIDUAL
+from twin.studies.replay.parts import ENCODER_PORTS, FORCE_RESIDUAL, JOINT_RESIDUAL, RESTART_TEXT
 from twin.studies.replay.replay import Outputs, Replay
 
 NANOSECOND_TICK = 1e-9
@@ -70,10 +70,9 @@ def _tracks(replay: Replay) -> list[Track]:
     ]
     if replay.twin is not replay.estimator:
         tracks.append(_track("twin", ESTIMATES, t, replay.twin))
-    if replay.plant is not None:
+    if replay.plant is not None and replay.joints is not None:
         tracks.append(_track("plant", MOTION, t, replay.plant))
-        r = replay.plant["theta_l"] - replay.twin["theta_l"]
-        tracks.append(_track("residual/joints", JOINT_RESIDUAL, t, {"theta_l": r}))
+        tracks.append(_track("residual/joints", JOINT_RESIDUAL, t, {"theta_l": replay.joints}))
     if replay.log.force is not None:
         force = replay.log.force
         inside = force.t >= 0.0
@@ -107,7 +106,7 @@ def _metadata(replay: Replay) -> Mapping[str, Mapping[str, str]]:
 def _events(replay: Replay) -> list[tuple[int, str]]:
     """List the events of a replay in order of time: gaps, restarts of the plant model, and alarms."""
     found = [(start, f"no samples for {end - start:.3g} s") for start, end in replay.log.sampling.gaps]
-    found += [(start, "the plant model starts anew, at rest") for start in replay.starts[1:]]
+    found += [(start, RESTART_TEXT) for start in replay.starts[1:]]
     found += [
         (one.drift.alarm, f"{one.name} no longer matches, since {one.drift.since:.3f} s")
         for one in replay.indicators

@@ -53,6 +53,7 @@ class Replay:
         estimator: outputs of the controller's estimator at the samples, by port.
         twin: outputs with the plant's dead zone; identical to `estimator` if the belief has the dead zone.
         plant: outputs of the plant model; None if it was not simulated.
+        joints: joint angles of the plant model less those of the log (n, 3), rad; None if it was not simulated.
         starts: times of the plant model's starts (s).
         forces: F_z of `estimator`, `twin` and `plant` against the measured force; empty without one.
         indicators: the force first; empty without a signal independent of the encoders.
@@ -63,6 +64,7 @@ class Replay:
     estimator: Outputs
     twin: Outputs
     plant: Outputs | None
+    joints: NDArray[np.float64] | None
     starts: tuple[float, ...]
     forces: dict[str, Residual]
     indicators: tuple[Indicator, ...]
@@ -130,7 +132,9 @@ def replay_log(
     estimator = values_by_port(ESTIMATOR_OUTPUTS, rows["estimator"])
     best = best_estimate(rows) if "twin" in rows else estimator
     followed = PlantModel(model, restarts=False)
-    motion = values_by_port(MOTION, followed.feed(robot, rows)["plant"]) if plant else None
+    simulated = followed.feed(robot, rows) if plant else {}
+    motion = values_by_port(MOTION, simulated["plant"]) if plant else None
+    joints = simulated.get("residual/joints")
     forces, indicators = {}, []
     if robot.force is not None:
         courses = {"estimator": estimator} | ({} if best is estimator else {"twin": best})
@@ -145,12 +149,12 @@ def replay_log(
         rounding = force_rounding(model.belief_with_dead_zone, best["J"], model.resolution)
         bound = rounding.bound if tolerance is None else tolerance
         indicators += _indicator("force", "N", judged.t, judged.r, baseline, bound, rounding.deviation)
-    if motion:
+    if joints is not None:
         angle = angle_rounding(model.belief_with_dead_zone)
         for i in range(3):
-            r = motion["theta_l"][:, i] - best["theta_l"][:, i]
-            indicators += _indicator(f"joint {i + 1}", "rad", robot.t, r, baseline, angle.bound, angle.deviation)
-    return Replay(model, robot, estimator, best, motion, tuple(followed.starts), forces, tuple(indicators))
+            name, r = f"joint {i + 1}", joints[:, i]
+            indicators += _indicator(name, "rad", robot.t, r, baseline, angle.bound, angle.deviation)
+    return Replay(model, robot, estimator, best, motion, joints, tuple(followed.starts), forces, tuple(indicators))
 
 
 def estimates(robot: RobotSamples, model: RobotModel) -> Rows:
