@@ -74,27 +74,19 @@ MEASURES = (
 )
 """What else is measured, what it was at commit ab351231, and what is asked."""
 
-NOUNS_IN_ED = frozenset(
-    re.findall(r"\w+", "seed speed need feed bed shed weed embed exceed proceed succeed bleed breed")
+NOUNS_IN_ED = "seed speed need feed bed shed weed embed exceed proceed succeed bleed breed"
+PARTICIPLES = (
+    "held made kept said begun led felt spelt meant told known given taken written drawn shown seen built found left "
+    "sent met bound woven worn gone done chosen frozen hidden brought caught heard hung laid lent lost paid spoken "
+    "stood struck stuck torn thrown understood wound grown fallen fed forgotten sold broken driven redone undone "
+    "unread unsaid unseen unbound rebuilt"
 )
-PARTICIPLES = frozenset(
-    re.findall(
-        r"\w+",
-        """held made kept said begun led felt spelt meant told known given taken written drawn shown seen built found
-        left sent met bound woven worn gone done chosen frozen hidden brought caught heard hung laid lent lost paid
-        spoken stood struck stuck torn thrown understood wound grown fallen fed forgotten sold broken driven redone
-        undone unread unsaid unseen unbound rebuilt""",
-    )
-)
-"""Irregular participles that are no infinitives; the regular ones end in -ed."""
-ADVERBS = frozenset(
-    re.findall(
-        r"\w+",
-        """of at in on by with to from for beside besides apart alike aside about above across after against along
-        among around before behind below between beyond during elsewhere otherwise except inside outside near off
-        onto over past since than through till toward under until unlike up upon via within without here there when
-        where how why so again anew also else ever never now soon then together ahead away back down forth out""",
-    )
+"""Irregular participles that are not infinitives; the regular ones end in -ed."""
+ADVERBS = (
+    "of at in on by with to from for beside besides apart alike aside about above across after against along among "
+    "around before behind below between beyond during elsewhere otherwise except inside outside near off onto over "
+    "past since than through till toward under until unlike up upon via within without here there when where how why "
+    "so again anew also else ever never now soon then together ahead away back down forth out"
 )
 """Prepositions and adverbs."""
 
@@ -187,22 +179,17 @@ def vague_names(tree: ast.AST) -> Iterator[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _is_vague(node.name):
             yield "function"
-        elif isinstance(node, ast.ClassDef):
-            if _is_vague(node.name.lower()):
-                yield "class"
-            yield from ("constant" for one in node.body for name in _assigned(one) if _is_one_word_constant(name))
-        elif isinstance(node, ast.Module):
-            yield from ("constant" for one in node.body for name in _assigned(one) if _is_one_word_constant(name))
+        if isinstance(node, ast.ClassDef) and _is_vague(node.name.lower()):
+            yield "class"
+        if isinstance(node, ast.ClassDef | ast.Module):
+            names = (name for one in node.body for name in _assigned(one))
+            yield from ("constant" for name in names if re.fullmatch(r"_*[A-Z][A-Z0-9]*", name))
 
 
 def _is_vague(name: str) -> bool:
     word = name.strip("_")
-    regular = word.endswith("ed") and len(word) > 3 and word not in NOUNS_IN_ED
-    return not name.startswith("__") and (regular or word in PARTICIPLES or word in ADVERBS)
-
-
-def _is_one_word_constant(name: str) -> bool:
-    return bool(re.fullmatch(r"_*[A-Z][A-Z0-9]*", name))
+    regular = word.endswith("ed") and len(word) > 3 and word not in NOUNS_IN_ED.split()
+    return not name.startswith("__") and (regular or word in f"{PARTICIPLES} {ADVERBS}".split())
 
 
 def late_constants(tree: ast.Module) -> list[str]:
