@@ -41,7 +41,7 @@ class ComponentFailed(TwinError):
 
 
 class EndRequest(ComponentFailed):
-    """Error by which a component requests the end of the simulation; a regular end if the caller treats it so."""
+    """Request of a component to end the simulation; a caller may treat it as a regular end."""
 
 
 class SafetyTrip(TwinError):

@@ -28,7 +28,7 @@ class Setting(NamedTuple):
     """Declaration of one key of an experiment's table: unit, default, meaning and bounds.
 
     Attributes:
-        unit: unit of the number in the file, `N m/rad`; "" for none.
+        unit: unit of the number in the file, `N m/rad`; "" without one.
         default: default value in that unit; ... if the file must set it.
         help: meaning, one phrase.
         field: field name in a record of compiled code.

@@ -62,7 +62,7 @@ def clock_functions() -> tuple[Any, ...]:
 
 
 def callbacks(monotonic: Any, sleep: Any) -> tuple[Any, Any]:
-    """Make C replacements of clock_gettime and clock_nanosleep from Python functions like those of `time`."""
+    """Make C replacements of clock_gettime and clock_nanosleep from functions with the signatures of `time`."""
     timespec = ctypes.POINTER(ctypes.c_int64)
 
     @ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, timespec)

@@ -74,12 +74,12 @@ LOOP_RECORD = np.dtype(
     ],
     align=True,
 )
-"""Memory of the loop: address of a `COMPONENT_RECORD` table, number of components, of which the first `sampled` are
-sampled; whether to count cycles; number of passes over each step of the continuous components, at least 1; whether
-newest outputs are separate from the valid ones; duration of a tick (s); address of all outputs (one to three copies)
-and their number; address of the rows, and number of outputs written to each; the last tick, which gets a row but no
-step; address of the mark, two integers set to tick and component before each step, for a supervisor outside, as a step
-that crashes or never returns reports nothing itself.
+"""Memory of the loop: address of a `COMPONENT_RECORD` table, number of components, and number `sampled` of the sampled
+ones, which come first; whether to count cycles; number of passes over each step of the continuous components, at least
+1; whether newest outputs are separate from the valid ones; duration of a tick (s); address of all outputs (one to
+three copies) and their number; address of the rows, and number of outputs written to each; the last tick, which gets a
+row but no step; address of the mark, two integers set to tick and component before each step, for a supervisor
+outside, as a step that crashes or never returns reports nothing itself.
 
 Results: component -1 on success, else the component whose step failed, and its status.
 """

@@ -28,7 +28,7 @@ from twin.kernel.units import known_unit, weight_hint
 STEP_FAILED = 2
 STATE_METHODS = ("state", "restore")
 """Methods of a class whose state can be saved: `state()` returns numbers, strings and arrays, in lists and
-dictionaries; `restore(state)` restores such a result, in which tuples have become lists."""
+dictionaries; `restore(state)` restores such a result; its tuples have become lists."""
 STEP_FUNCTION = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p
 )

@@ -186,8 +186,8 @@ class FmuComponent(Component):
         inputs, outputs: its ports.
         settings: values set before initialisation, in the FMU's units.
         inputs_at_start: port -> value (SI) in initialisation mode; 0 for other ports.
-        outputs_at_start: port -> value (SI) of the output at t = 0, to which the output is shifted: the zero of an
-            angle is arbitrary, and the shaft is coupled at its present angle.
+        outputs_at_start: port -> value (SI) of the output at t = 0 after a shift: the zero of an angle is arbitrary,
+            and the shaft is coupled at its present angle.
         setup: data of the run.
         sampled: whether it is evaluated at t_k; its outputs are then meaningless before the first evaluation.
         instance: FMU instance in step mode; None to create and initialise one.

@@ -39,7 +39,7 @@ SET_FAILED, DO_STEP_FAILED, GET_FAILED, TERMINATE_REQUEST, SAVE_FAILED, RESTORE_
     INTERVAL_FAILED,
     INPUT_DERIVATIVES_FAILED,
 ) = 256, 272, 288, 304, 320, 336, 352
-"""Failure statuses: base of a function, to which the returned FMI status is added."""
+"""Failure statuses: base per function, plus the returned FMI status."""
 (
     EARLY_RETURN,
     TIME_OUTSIDE_STEP,

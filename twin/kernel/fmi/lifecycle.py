@@ -84,7 +84,7 @@ class _LenientLibrary:
 
     Args:
         library: ctypes library.
-        missing: list to which the names of missing functions are appended.
+        missing: list that collects the names of missing functions.
     """
 
     def __init__(self, library: Any, missing: list[str]):
@@ -187,7 +187,7 @@ class FMU3Exchange(_SignatureCache, FMU3Model):
     """FMPy's FMI 3.0 model-exchange instance, with cached signatures."""
 
     def __dir__(self) -> list[str]:
-        # FMPy requires the functions listed here, but a binary may lack those of other kinds (FMI 3.0, 2.1.2)
+        # FMPy requires all functions listed here, but a binary may lack the functions of other kinds (FMI 3.0, 2.1.2)
         return [name for name in super().__dir__() if name not in _OTHER_KIND_FUNCTIONS]
 
 

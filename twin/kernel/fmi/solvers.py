@@ -107,7 +107,7 @@ SOLVER_MEMORY = np.dtype(
 memory_at = pointer_to(SOLVER_MEMORY)
 
 CALL_STATUSES = range(128, 128 + 16 * len(EXCHANGE_FUNCTIONS), 16)
-"""Failure statuses: base by function of `EXCHANGE_FUNCTIONS`, to which the returned FMI status is added."""
+"""Failure statuses: base per function of `EXCHANGE_FUNCTIONS`, plus the returned FMI status."""
 (
     SET_TIME_FAILED, SET_STATES_FAILED, GET_STATES_FAILED, NOMINALS_FAILED, DERIVATIVES_FAILED, INDICATORS_FAILED,
     EVENT_MODE_FAILED, UPDATE_FAILED, TIME_MODE_FAILED, COMPLETE_STEP_FAILED, STATE_COUNT_FAILED,

@@ -60,10 +60,10 @@ class Slider:
 
     Attributes:
         key: dotted key, as in the file and for --set.
-        unit: unit of its value; "" for none.
+        unit: unit of its value; "" without one.
         help: meaning, one phrase.
         value: value in the experiment's file; None if missing.
-        default: default value; None for none.
+        default: default value; None without one.
         low: lower end of the slider.
         high: upper end of the slider.
         log: whether the slider is logarithmic.

@@ -133,7 +133,7 @@ class ExplorerServer:
     Args:
         base: fields of `twin.report.explore.page_state.PageBase`.
         linger: time (s) until it ends after the last page was closed.
-        session: session with a robot that pages show; None for none.
+        session: session with a robot that pages show; None without one.
     """
 
     def __init__(self, base: Mapping[str, Any], limits: JobLimits, linger: float, session: "LiveSession | None" = None):

@@ -61,7 +61,7 @@ MAX_TICKS = 400_000
 """Maximum duration of an explored experiment (ticks): about half a second to simulate, and half a gigabyte of rows."""
 
 Layout = Literal["", "fig4"]
-"""Figure of the paper that replaces the panels: Fig. 4 in the paper's layout; "" for none."""
+"""Figure of the paper that replaces the panels: Fig. 4 in the paper's layout; "" without one."""
 MAX_RUNS = 100
 """Maximum number of runs of results/ in a list."""
 NO_MONITOR = "no monitor here"
@@ -186,7 +186,7 @@ class ViewRequest(NamedTuple):
         width: width of a plot (pixels).
         robot: whether the player is open.
         listed: whether the answer lists all panels of the run.
-        layout: figure of the paper that replaces the panels; "" for none.
+        layout: figure of the paper that replaces the panels; "" without one.
     """
 
     titles: list[str]

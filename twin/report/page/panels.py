@@ -88,7 +88,7 @@ def scene(
 
     Args:
         robot: topic with its pose.
-        model: topic with the pose of a second robot, drawn over the first; "" for none.
+        model: topic with the pose of a second robot, drawn over the first; "" without one.
     """
     lengths = [run.values.get("plant", {}).get(f"{name}_mm") for name in Geometry._fields]
     poses = [f"{topic}.{name}" for topic in filter(None, (robot, model)) for name in ("theta_l", "p_B")]

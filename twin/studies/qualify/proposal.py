@@ -313,7 +313,7 @@ def _write_fmu(fmu: Path, content: bytes) -> None:
 
 
 def _own_copy(fmu: Path) -> Path:
-    """Return an FMU's path, or that of a copy in the current folder if it belongs to an installation.
+    """Return the path of an FMU; for an FMU of an installation, the path of a copy in the current folder.
 
     An installation must not be changed.
     """
