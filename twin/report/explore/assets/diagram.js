@@ -1,8 +1,8 @@
-// What a diagram is made of: its frame with a scale, lines, curves inside of it.
+// Parts of a diagram: frame with a scale, lines, curves.
 
 export const EDGE = { left: 52, right: 10, top: 8, bottom: 22 };
 
-/** The canvas made `height` pixels high, with lines at round values from `bottom` to `top`; what is drawn with. */
+/** Set the canvas height (px), draw grid lines at round values from `bottom` to `top`, return the drawing context. */
 export function framed(canvas, height, bottom, top) {
   const width = canvas.parentElement.clientWidth || 300;
   canvas.style.height = `${height}px`;
@@ -23,7 +23,7 @@ export function framed(canvas, height, bottom, top) {
   return { pen, width, floor, y };
 }
 
-/** Through `points`; where one is no number there is a gap. */
+/** Draw a line through `points` with gaps at NaN. */
 export function line(pen, points) {
   pen.beginPath();
   let down = false;
@@ -35,7 +35,7 @@ export function line(pen, points) {
   pen.stroke();
 }
 
-/** A curve in the colour of run `number`. */
+/** Draw a curve in the colour of run `number`. */
 export function curve(number, points, { pen, width, floor }) {
   pen.save();
   pen.beginPath();

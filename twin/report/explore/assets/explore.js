@@ -1,4 +1,4 @@
-// Puts the page together: settings change the state, the state is asked for, answers are drawn.
+// Assemble the page: settings change the state, the state is requested, answers are drawn.
 
 import { Faults } from "./faults.js";
 import { Link } from "./link.js";
@@ -14,7 +14,7 @@ import { copied, fresh, History, MOST_PINS, plainView, read, written } from "./s
 const element = (id) => document.getElementById(id);
 const KEPT = 500;
 const DOUBLE = 600;
-/** Place of the margin among the numbers. */
+/** Position of the margin among the tiles. */
 const MARGIN_AT = 6;
 
 let begun = null;
@@ -62,7 +62,7 @@ const log = new Log((what) => link.ask({ ...what, ...look("try") }), say, addPin
 
 const robot = new Robot(element("beside-robot"), (what) => link.ask(what), say, () => history.now, go);
 
-/** From the input event to the frame in which the answer to it was drawn. */
+/** Record the latency from the input event to the frame that shows its answer. */
 function measure() {
   if (!waiting) return;
   const id = waiting;
@@ -79,7 +79,7 @@ function measure() {
 
 const look = (slot) => ({ panels: [...chosen], layout: element("layout").value, span: picture.span, width: picture.width, robot: slot === 0 && element("player").open, list: slot === 0 && !listed });
 
-/** Ask for the present state; `since`: when the hand moved. */
+/** Request the current state; `since`: time of the input event. */
 function askNow(since = performance.now()) {
   const id = link.ask({ op: "show", slot: 0, state: history.now, ...look(0) });
   if (id) asked.set(id, since);
@@ -138,7 +138,7 @@ function begin(answer) {
   refresh();
 }
 
-/** Look at it as a link says. */
+/** Restore the view of a link. */
 function lookAs(seen) {
   view = seen;
   chosen = new Set(view.panels ?? begun.panels_at_first);
@@ -149,7 +149,7 @@ function lookAs(seen) {
 
 const FIGURES = { fig4: "Fig. 4", fig5: "Fig. 5" };
 
-/** The layout of Fig. 4 where the experiment is one of it, and the scorecard of its figure. */
+/** Offer the layout and the scorecard of Fig. 4 if the experiment belongs to it. */
 function offerLayout(figure) {
   const own = figure === "fig4" ? [made("option", { value: figure }, `as ${FIGURES[figure]}`)] : [];
   element("layout").replaceChildren(made("option", { value: "" }, "plots"), ...own);
@@ -185,11 +185,11 @@ function offerBeside({ runs = [], logs = [] }) {
   select.disabled = runs.length + logs.length === 0;
 }
 
-/** Something was changed: show it in the settings, ask for it, and at the end of a movement remember it. */
+/** Apply a change: update the settings, request the state, and add an undo step at the end of a movement. */
 function change(key, value, over, again) {
   const since = window.event?.timeStamp;
   if (again) history.forget(DOUBLE);
-  // a value typed back is no change
+  // a value equal to the file's is not a change
   if (value === undefined || value === sliders.base(key)) delete history.now.set[key];
   else history.now.set[key] = value;
   sliders.show(history.now.set);
@@ -218,7 +218,7 @@ function address() {
   element("reset").disabled = written(history.now, []) === "";
 }
 
-/** After a jump to another state. */
+/** Update the page after a jump to another state. */
 function refresh() {
   element("drive").value = history.now.drive;
   element("body").value = history.now.body;
@@ -228,7 +228,7 @@ function refresh() {
   askAll();
 }
 
-/** Go to another state, one that can be undone. */
+/** Switch to another state as an undo step. */
 function go(state) {
   const before = history.now;
   history.now = copied(state);
@@ -262,7 +262,7 @@ function tellFile(answer) {
   showNumbers();
 }
 
-// no minus before what rounds to nothing
+// avoid "-0"
 const rounded = (value, digits) => (value === null ? "none" : (Number(value.toFixed(digits)) + 0).toFixed(digits));
 
 function showNumbers() {
@@ -395,7 +395,7 @@ function hearButtons() {
   by("record", () => {
     element("record").disabled = recording = true;
     say("Recording.");
-    // now: a browser lets nothing open later, when the run is over
+    // open the window now: browsers block windows opened after the run
     tab = window.open("about:blank");
     if (tab) tab.document.title = "Recording";
     if (!link.ask({ op: "record", state: history.now })) tellRecorded({ failed: "The server does not answer." });
@@ -435,12 +435,12 @@ function hearButtons() {
   });
 }
 
-/** After undo and redo. */
+/** Update the page after undo and redo. */
 function settle() {
   link.ask({ op: "describe", state: history.now });
   refresh();
 }
 
 hearButtons();
-// where there is room beside the curves
+// open the robot where there is room next to the curves
 element("player").open = window.matchMedia("(min-width: 1100px)").matches;

@@ -1,4 +1,4 @@
-// Faults on the time axis: which kind, of what, when, how large.
+// Faults on the time axis: kind, target, onset, magnitude.
 
 import { hearSlider } from "./sliders.js";
 import { MOST_FAULTS } from "./state.js";
@@ -8,8 +8,8 @@ const DIGITS = 4;
 const BEYOND = 4;
 
 export class Faults {
-  /** `changed` is called with the list and whether the movement is over; `ask` asks where a fault begins in contact,
-   * `time` gives that of the player. */
+  /** `changed` is called with the list and whether the movement is over; `ask` requests the onset of a fault in
+   * contact, `time` returns the player's time. */
   constructor(box, changed, ask, time) {
     Object.assign(this, { box, changed, time });
     this.list = [];
@@ -23,7 +23,7 @@ export class Faults {
     this.add.addEventListener("click", () => ask());
   }
 
-  /** Add a fault of the chosen kind at `onset` (s), in contact; undefined: nothing is touched, and the player's time holds. */
+  /** Add a fault of the chosen kind at `onset` (s) in contact; undefined without contact: the player's time is used. */
   begin(onset) {
     const { kind, targets, magnitudes } = this.kinds.get(this.kind.value);
     const fault = { kind, target: targets[0], onset_s: Number((onset ?? this.time()).toFixed(3)) };
@@ -39,7 +39,7 @@ export class Faults {
     this.explain();
   }
 
-  /** What the chosen kind is. */
+  /** Show the description of the chosen kind. */
   explain() {
     this.meaning.textContent = this.kinds.get(this.kind.value)?.meaning ?? "";
   }
@@ -62,7 +62,7 @@ export class Faults {
     this.changed(this.list.map((fault, i) => (i === number ? { ...fault, ...more } : fault)), over);
   }
 
-  /** From how small to how large a kind's magnitude is moved; null: it has none. */
+  /** Return the range of a kind's magnitude; null if it has none. */
   range(kind) {
     const { magnitudes, unit } = this.kinds?.get(kind) ?? {};
     if (!magnitudes) return null;

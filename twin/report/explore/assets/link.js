@@ -1,9 +1,9 @@
-// The link to the server: sends what is asked for, unpacks answers, and comes back by itself when it was cut.
+// Connection to the server: sends requests, unpacks answers, reconnects.
 
 const SOON = 500;
 const LATEST = 4000;
 
-/** JSON, or JSON with samples behind it: see twin/report/explore/server.py. */
+/** Decode a message: JSON, or JSON followed by samples (twin/report/explore/server.py). */
 export function unpackedAnswer(data) {
   if (typeof data === "string") return JSON.parse(data);
   const length = new DataView(data).getUint32(0, true);
@@ -13,8 +13,8 @@ export function unpackedAnswer(data) {
 }
 
 export class Link {
-  /** `heard` takes every answer, `changed` whether there is a connection, and if not, whether the server knows the page
-   * no more. */
+  /** `heard` is called with each answer, `changed` with whether the page is connected, and if not, whether the server
+   * has forgotten it. */
   constructor(heard, changed) {
     this.heard = heard;
     this.changed = changed;
@@ -40,7 +40,7 @@ export class Link {
     };
   }
 
-  /** The number of what was asked for; 0 without a connection. */
+  /** Send a request and return its number; 0 without a connection. */
   ask(what) {
     if (this.socket.readyState !== WebSocket.OPEN) return 0;
     this.number += 1;

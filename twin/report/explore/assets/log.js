@@ -1,9 +1,9 @@
-// A log of a robot laid beside, read with the map of columns that lies beside it: when it begins.
+// Comparison with a robot's log, read with the column map in its folder; sets the log's start time.
 
 const element = (id) => document.getElementById(id);
 
 export class Log {
-  /** `ask` sends, `say` shows a sentence, `pin` is called with what shall be laid beside. */
+  /** `ask` sends a request, `say` shows a message, `pin` is called with the log to compare with. */
   constructor(ask, say, pin) {
     Object.assign(this, { say, pin, dialog: element("log") });
     element("lay").addEventListener("click", () => {

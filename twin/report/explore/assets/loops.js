@@ -1,4 +1,4 @@
-// The loops at one operating point: margins in a table, Bode and Nyquist diagrams of the open loops.
+// Control loops at an operating point: table of margins, Bode and Nyquist diagrams of the open loops.
 
 import { curve, EDGE, framed, line } from "./diagram.js";
 
@@ -9,8 +9,8 @@ const DECADES = ["0.01", "0.1", "1", "10", "100", "1000"];
 const said = (value, unit, digits = 3) => (value === null ? "none" : `${value.toPrecision(digits)} ${unit}`);
 
 export class Loops {
-  /** `ask` is called when the loops are to be seen again: once nothing has changed for a while, or the answer before is
-   * there; `redraw` when the margin is another one. */
+  /** `ask` requests the loops, after a pause without changes or when the previous answer has arrived; `redraw` is
+   * called when the margin changes. */
   constructor(box, ask, redraw) {
     Object.assign(this, { box, ask, redraw, margin: null, reason: "not there yet" });
     this.point = made("select", {});
@@ -32,7 +32,7 @@ export class Loops {
     new ResizeObserver(() => this.draw()).observe(box);
   }
 
-  /** The state is another one. */
+  /** Mark the answer as outdated and request a new one. */
   changed() {
     this.stale = Boolean(this.waiting);
     this.reason = "being computed";
@@ -44,12 +44,12 @@ export class Loops {
     }, this.box.open ? 0 : QUIET);
   }
 
-  /** The smallest margins of all loops, as a number above the plots. */
+  /** The tile above the plots with the smallest gain margin of all loops. */
   get tile() {
     return ["loops' margin", "dB", this.margin, this.reason, 1, "smallest gain margin of all loops at the operating point; see Loops below"];
   }
 
-  /** No answer will come to what was asked for. */
+  /** Forget the pending request, and repeat it if the answer is outdated. */
   lost() {
     this.waiting = 0;
     this.box.ariaBusy = "false";
@@ -79,7 +79,7 @@ export class Loops {
     this.draw();
   }
 
-  /** Column of the block: 0 frequencies, then gain and phase of each loop. */
+  /** Return a column of the block: 0 for frequencies, then gain and phase of each loop. */
   column(number) {
     const { samples, count } = this.found;
     return samples.subarray(number * count, (number + 1) * count);

@@ -1,17 +1,17 @@
-// Faults in the plots: a mark at the onset, its grip as high as the fault is large. Both are dragged.
+// Fault marks in the plots: a line at the onset with a handle at the height of the magnitude; both can be dragged.
 
 const WIDE = 40;
 const STEP_S = 0.05;
 const STEPS = 40;
 
 export class FaultMarks {
-  /** `faults` has the list, and takes another one. */
+  /** `faults` holds the list of faults. */
   constructor(faults) {
     this.faults = faults;
     this.nodes = new Map();
   }
 
-  /** Put a mark into each of `plots` for each fault. */
+  /** Add a mark for each fault to each of `plots`. */
   place(plots) {
     const { list } = this.faults;
     for (const plot of this.nodes.keys()) if (!plots.includes(plot)) this.nodes.delete(plot);
@@ -44,18 +44,18 @@ export class FaultMarks {
     node.setAttribute("role", "slider");
     node.addEventListener("pointerdown", (event) => this.grab(event, plot, number));
     node.addEventListener("keydown", (event) => this.key(event, number));
-    // keys that are held are one movement
+    // held keys count as one movement
     for (const end of ["keyup", "blur"]) node.addEventListener(end, () => this.release());
     plot.stage.append(node);
     return node;
   }
 
-  /** Drag until the button is let go; the plots may be made anew meanwhile. */
+  /** Drag until the button is released; plots may be rebuilt meanwhile. */
   grab(event, plot, number) {
     if (event.button !== 0) return;
     event.preventDefault();
     event.stopPropagation();
-    // keys go on from here
+    // keys continue from here
     event.currentTarget.focus({ preventScroll: true });
     const before = { ...this.faults.list[number] };
     const box = plot.stage.getBoundingClientRect();

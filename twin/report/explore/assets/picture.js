@@ -1,8 +1,8 @@
-// The picture: the report's plots and player, fed by answers. Run 0 is the present state, the others are pinned.
+// Plots and player of the report, fed by answers. Run 0 is the current state, the others are pinned.
 
 const MAIN = ["truth", "reference"];
 
-/** The rows of an answer's panels with curves that the plots draw. */
+/** Return the panels of an answer with the curves that the plots draw. */
 function withCurves(answer) {
   return answer.panels.map((panel) => ({
     ...panel,
@@ -11,7 +11,7 @@ function withCurves(answer) {
 }
 
 export class Picture {
-  /** `zoomed` is called when another span of time is to be seen, `drawn` after the plots have been drawn. */
+  /** `zoomed` is called when the time span changes, `drawn` after the plots are drawn. */
   constructor(zoomed, drawn) {
     this.zoomed = zoomed;
     this.drawn = drawn;
@@ -32,7 +32,7 @@ export class Picture {
     });
   }
 
-  /** The span of time that is shown; null: the whole run. */
+  /** Visible time span; null for the whole run. */
   get span() {
     const span = this.plots?.span;
     return !span || (span.from === 0 && span.to === this.clock.end) ? null : [span.from, span.to];
@@ -42,7 +42,7 @@ export class Picture {
     return Math.max(50, Math.min(4000, Math.round((this.box.firstElementChild ?? this.box).clientWidth || 600)));
   }
 
-  /** Names of the runs; those that are gone are forgotten. */
+  /** Set the names of the runs and drop the data of removed runs. */
   name(labels) {
     this.labels = labels;
     this.answers.length = labels.length;
@@ -64,8 +64,8 @@ export class Picture {
     if (number === 0 && answer.scene) this.player.draw();
   }
 
-  /** Of several runs what is true and what is wanted, as in a report; where one of them has neither, as a log of a
-   * robot, all it has. */
+  /** Whether a row is shown: as switched in the legend; else, of several runs, the true and reference rows, and all
+   * rows of a run without these, such as a robot's log. */
   isShown({ title, rows }, row) {
     const asSwitched = this.switched.get(`${title} ${row.label}`);
     const wanted = this.labels.some((_, run) => {
@@ -76,7 +76,7 @@ export class Picture {
     return asSwitched ?? (usual || (this.labels.length > 1 && wanted));
   }
 
-  /** Plots are made anew only where other curves are to be seen. */
+  /** Rebuild the plots only if their curves changed. */
   put() {
     const now = this.answers[0];
     if (!now) return;

@@ -1,4 +1,4 @@
-// A robot beside: how it goes, its pressing force and the twin's, and what twin proposes.
+// Panel of a followed robot: status, its pressing force and the twin's, and the twin's proposal.
 
 import { curve, EDGE, framed, line } from "./diagram.js";
 
@@ -63,7 +63,7 @@ export class Robot {
     if (old.join("\n") !== events.join("\n")) parts.events.replaceChildren(...events.map((text) => made("li", {}, text)));
   }
 
-  /** The pressing forces of the last seconds. */
+  /** Draw the pressing forces of the last seconds. */
   draw() {
     const { curves = [], count, span, samples } = this.now ?? {};
     this.canvas.parentElement.hidden = curves.length === 0;

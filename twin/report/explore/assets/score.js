@@ -1,4 +1,4 @@
-// The scorecard of the paper's figure that the experiment is one of: claims that turn over stand first.
+// Scorecard of the paper's figure to which the experiment belongs; changed claims come first.
 
 const QUIET = 120;
 const JUDGED = {
@@ -8,7 +8,7 @@ const JUDGED = {
 const MARKS = { holds: "✓", fails: "✗", "not reproduced": "✗", "reproduced after all": "✓" };
 
 export class Score {
-  /** `ask` is called with the name of what is wanted: the file's claims, or those of the present state. */
+  /** `ask` is called with the requested claims: the file's, or the current state's. */
   constructor(box, ask) {
     this.box = box;
     this.ask = ask;
@@ -39,7 +39,7 @@ export class Score {
       this.scores = answer.scores ?? [];
       this.judged = JUDGED[answer.figure] ?? "";
       if (!answer.claims) this.note.textContent = answer.refused ?? answer.failed;
-      // one that was under way when something moved is old, too
+      // an answer requested before the last change is outdated
       this.box.classList.toggle("old", !answer.claims || answer.id < this.wanted);
       this.box.ariaBusy = String(answer.id < this.wanted);
     }

@@ -1,10 +1,10 @@
-// The settings: a slider, a field, a choice or a switch each; the first dozen, what is changed, or what is searched for.
+// Settings as sliders, fields, choices or switches: the first dozen, the changed ones, or the search results.
 
 const FINE = 1000;
 const DIGITS = 4;
 const MOST_FOUND = 60;
 
-/** A value on the slider's scale from 0 to FINE, and back. */
+/** Convert between a value and the slider's scale from 0 to FINE. */
 function place(slider, value) {
   const { low, high, log } = slider;
   const share = log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low);
@@ -18,7 +18,7 @@ export function valueAt(slider, position) {
   return kind === "whole" ? Math.round(value) : Number(value.toPrecision(DIGITS));
 }
 
-/** Hear of the movements of a slider: `moved` is called with whether it is over. Keys that are held are one movement. */
+/** Call `moved` on each movement of a slider, with whether it ended. Held keys count as one movement. */
 export function hearSlider(range, moved) {
   let held = false;
   let going = false;
@@ -40,7 +40,7 @@ const shown = (value) => (typeof value === "number" ? String(Number(value.toPrec
 
 export class Sliders {
   /** `changed` is called with a key, its value (undefined: as in the file), whether the movement is over, and whether
-   * it was a second click, which stands for the first one, too. */
+   * it was the second click of a double click, which replaces the first one. */
   constructor(box, search, changed) {
     this.box = box;
     this.search = search;
@@ -57,13 +57,13 @@ export class Sliders {
     this.arranged = "";
   }
 
-  /** What holds where the page changes nothing. */
+  /** Set the values of the file. */
   base(key) {
     const { value, default: usual } = this.sliders.get(key);
     return this.moved[key] ?? value ?? usual;
   }
 
-  /** Put everything where `set` has it; `moved`: values that follow from it. */
+  /** Show the values of `set`; `moved`: values derived from them. */
   show(set, moved) {
     this.set = set;
     if (moved) this.moved = moved;
@@ -71,7 +71,7 @@ export class Sliders {
     for (const [key, row] of this.rows) if (!row.node.hidden) row.put(set[key] ?? this.base(key), key in set);
   }
 
-  /** Show the rows that belong on the page now. */
+  /** Show the matching rows. */
   arrange() {
     if (!this.sliders) return;
     const words = this.search.value.toLowerCase().split(/\s+/).filter(Boolean);
@@ -132,7 +132,7 @@ export class Sliders {
       const text = field.value.trim();
       const bare = slider.unit && text.endsWith(slider.unit) ? text.slice(0, -slider.unit.length).trim() : text;
       const value = Number(bare);
-      // what is no number is the server's to refuse, in the words of a file
+      // the server refuses text that is not a number, with the error message of a file
       if (text === "") change(undefined, true);
       else change(Number.isFinite(value) ? value : text, true);
     });

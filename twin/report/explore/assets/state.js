@@ -1,4 +1,4 @@
-// The state of the page: what differs from the file, what is pinned beside it; undo, redo, and the address that has it all.
+// State of the page: changes against the file, pinned states, undo and redo, and the URL that stores them.
 
 const LONGEST = 20000;
 const MOST = 200;
@@ -12,7 +12,7 @@ const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 
 const isPlain = (value) => ["number", "string", "boolean"].includes(typeof value);
 
-/** A state out of what somebody may have written; null if it is none. */
+/** Parse a state from untrusted data; null if invalid. */
 function understood(found) {
   if (typeof found !== "object" || found === null) return null;
   const { set = {}, drive = "", body = "", faults = [] } = found;
@@ -29,10 +29,10 @@ function understood(found) {
 const LAYOUTS = ["", "fig4"];
 const MOST_PANELS = 100;
 
-/** How a state is looked at: the layout, and the titles of plots; null: those that come first. */
+/** Parse a view: the layout, and the titles of plots; null for the first plots. */
 export const plainView = () => ({ layout: "", panels: null });
 
-/** What stands behind # for a state, what is pinned and how it is looked at; "" for nothing. */
+/** Return the URL fragment of a state, its pins and view; "" if all are empty. */
 export function written(state, pins, { layout, panels } = plainView()) {
   const parts = new URLSearchParams();
   for (const [key, value] of Object.entries(state.set)) parts.append(key, JSON.stringify(value));
@@ -45,7 +45,7 @@ export function written(state, pins, { layout, panels } = plainView()) {
   return parts.toString();
 }
 
-/** [state, pins, view] of what stands behind #, which may be anything; null if it is none of ours. */
+/** Parse [state, pins, view] from a URL fragment, which is untrusted; null if invalid. */
 export function read(text) {
   if (text.length > LONGEST) return null;
   const state = fresh();
@@ -86,7 +86,7 @@ export function read(text) {
   return checked && [checked, pins, view];
 }
 
-/** The present state and those before and after it. */
+/** Current state with its undo and redo steps. */
 export class History {
   constructor(state) {
     this.now = copied(state);
@@ -95,7 +95,7 @@ export class History {
     this.kept = copied(state);
   }
 
-  /** What was changed since the last step becomes one. */
+  /** Add the changes since the last step as an undo step. */
   step() {
     if (same(this.now, this.kept)) return false;
     this.before.push(this.kept);
@@ -106,7 +106,7 @@ export class History {
     return true;
   }
 
-  /** The last step was none, if it is younger than this (ms). */
+  /** Remove the last undo step if it is younger than `age` (ms). */
   forget(age) {
     if (this.before.length && performance.now() - this.stepped < age) this.kept = this.before.pop();
   }

@@ -1,4 +1,4 @@
-// The one time of the page. Each part that shows something at a time listens to it.
+// Current time of the page; parts that display a moment subscribe to it.
 
 class Clock {
   constructor(end) {
@@ -13,7 +13,7 @@ class Clock {
     this.listeners.push(listener);
   }
 
-  /** Jump to a time; values beyond the ends are the ends. */
+  /** Jump to a time, clamped to the run. */
   set(time) {
     this.time = Math.min(this.end, Math.max(0, time));
     this.tell();

@@ -1,8 +1,8 @@
-// The page's data, and the samples packed in it: twin/report/page/block.py backwards.
+// The page's data and its packed samples; decodes what twin/report/page/block.py encodes.
 
 const page = JSON.parse(document.getElementById("data").textContent);
 
-/** The samples of a run, a Float32Array, from deflated bytes of like weight side by side in base 64. */
+/** Decode a run's samples to a Float32Array from base64, deflated, with bytes of equal significance grouped. */
 async function unpacked(text) {
   const raw = atob(text);
   const bytes = new Uint8Array(raw.length);
@@ -20,7 +20,7 @@ async function unpacked(text) {
   return new Float32Array(patterns.buffer);
 }
 
-/** A curve: samples y, the first at `start`, one every `step` seconds. */
+/** A curve: samples y from time `start`, `step` seconds apart. */
 class Curve {
   constructor(samples, [at, count, start, step]) {
     this.y = samples.subarray(at, at + count);
@@ -28,7 +28,7 @@ class Curve {
     this.step = step || 1;
   }
 
-  /** Index of the sample that holds at time t. */
+  /** Return the index of the last sample at or before time t. */
   index(t) {
     return Math.min(this.y.length - 1, Math.max(0, Math.floor((t - this.start) / this.step + 1e-6)));
   }
@@ -38,7 +38,7 @@ class Curve {
   }
 }
 
-/** What panels and players show: `panels` with Curves in place of numbers, `scenes` with their samples. */
+/** Return the data of panels and players: `panels` with Curves in place of indices, `scenes` with samples. */
 async function shown() {
   const samples = await Promise.all(page.runs.map((run) => unpacked(run.block)));
   for (const panel of page.panels)

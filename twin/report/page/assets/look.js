@@ -1,4 +1,4 @@
-// Colours and lines. Colours are Okabe and Ito's, from the style sheet; line patterns tell the same without them.
+// Colours (Okabe and Ito's, from the style sheet) and line patterns, which distinguish rows without colour.
 
 const SERIES = ["--blue", "--vermilion", "--green", "--purple", "--orange", "--sky", "--ink"];
 const ROLES = {
@@ -19,13 +19,13 @@ function runColor(run) {
   return SERIES[run % SERIES.length];
 }
 
-/** Underline what belongs to a run in its colour; double where the colours begin again and lines are thick. */
+/** Underline an element in its run's colour; double underline when the colours repeat with thick lines. */
 function mark(node, run) {
   node.style.setProperty("--mark", `var(${runColor(run)})`);
   node.style.setProperty("--edge-style", run < SERIES.length ? "solid" : "double");
 }
 
-/** How the curve of a row is drawn for a run: {color, width, dash}. */
+/** Return the style {color, width, dash} of a row's curve in a run. */
 function look(row, run) {
   if (page.runs.length > 1) {
     const dash = row.member >= 0 && row.role === "truth" ? MEMBER_DASHES[row.member] : OF_SEVERAL[row.role];
@@ -38,12 +38,12 @@ function look(row, run) {
   return ROLES[row.role];
 }
 
-/** A canvas made as fine as the screen; its context is in CSS pixels. */
+/** Return a canvas context in CSS pixels at the screen's resolution. */
 function prepared(canvas, width, height) {
   const ratio = window.devicePixelRatio || 1;
   const size = [Math.round(width * ratio), Math.round(height * ratio)];
   const pen = canvas.getContext("2d");
-  // another size makes the browser lay out the page again
+  // setting a size triggers a layout
   if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
   pen.setTransform(ratio, 0, 0, ratio, 0, 0);
   pen.clearRect(0, 0, width, height);

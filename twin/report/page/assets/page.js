@@ -1,6 +1,6 @@
-// Puts the page together once its samples are unpacked.
+// Assemble the page after its samples are unpacked.
 
-/** Switches for the runs: each hides its run's curves in all plots. */
+/** Add a switch for each run that hides its curves in all plots. */
 function runSwitches(plots) {
   const box = document.getElementById("runs");
   if (page.runs.length < 2) return;
@@ -16,7 +16,7 @@ function runSwitches(plots) {
   });
 }
 
-/** On paper the page is light, whole and open. */
+/** Print in light colours, with all sections open. */
 function preparePrint(plots, player) {
   const opened = [];
   window.addEventListener("beforeprint", () => {

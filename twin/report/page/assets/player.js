@@ -1,4 +1,4 @@
-// The player: the robot's scene, play and pause, speed, time line with events, camera.
+// Player: robot scene, play and pause, speed, time line with events, camera.
 
 const HOME = { yaw: -0.55, pitch: 0.32, zoom: 1 };
 const TURN = 0.01;
@@ -44,7 +44,7 @@ class Player {
     });
   }
 
-  /** Marks under the time line; a click goes there. */
+  /** Add event marks under the time line; a click jumps to the event. */
   markEvents() {
     const marks = page.events.filter((event) => event.level !== "debug");
     document.getElementById("marks").replaceChildren(
@@ -96,7 +96,7 @@ class Player {
     });
   }
 
-  /** Change the view, within what makes sense. */
+  /** Change the camera within its limits. */
   turn(change) {
     change();
     this.view.pitch = Math.min(1.5, Math.max(-0.3, this.view.pitch));

@@ -1,13 +1,13 @@
-// One plot: canvas with curves, a cursor over it, a legend with the values under the cursor.
+// A plot: canvas with curves, cursor, and legend with the values at the cursor.
 
 const MARGIN = { left: 58, right: 10, top: 6, bottom: 22 };
 const HEIGHT = 170;
-// rounding errors must not fill a plot
+// minimum span, so that rounding errors do not fill a plot
 const LEAST_SPAN = 1e-3;
-// pixels that a curve may be off
+// tolerance of curve simplification in pixels
 const UNSEEN = 0.3;
 
-/** Round numbers from low to high, about `count` of them. */
+/** Return about `count` round numbers from low to high. */
 function ticks(low, high, count) {
   const rough = (high - low) / count;
   const power = 10 ** Math.floor(Math.log10(rough));
@@ -18,7 +18,7 @@ function ticks(low, high, count) {
   return values.map((value) => [value, (Math.abs(value) < step / 2 ? 0 : value).toFixed(digits)]);
 }
 
-/** Whether a run is drawn; one that has been taken away is not. */
+/** Whether a run is drawn; removed runs are not. */
 const isShown = (run) => run !== undefined && !run.hidden;
 
 class Plot {
@@ -39,7 +39,7 @@ class Plot {
     this.decimals = this.fittingDecimals();
   }
 
-  /** A legend's entry: switches its row on and off, tells the values at the cursor. */
+  /** Add a legend entry that toggles its row and shows the values at the cursor. */
   entry(row) {
     const swatch = made("canvas", { className: "swatch" });
     const values = page.runs.map((_, run) => made("output", { className: "value", hidden: !row.curves[run] }));
@@ -61,7 +61,7 @@ class Plot {
     return Math.max(0, Math.min(6, 4 - Math.ceil(Math.log10(Math.max(high - low, LEAST_SPAN)))));
   }
 
-  /** [least, largest] of the rows between two times. */
+  /** Return [minimum, maximum] of the rows between two times. */
   extremes(from, to, rows) {
     let low = Infinity;
     let high = -Infinity;
@@ -83,7 +83,7 @@ class Plot {
     return MARGIN.left + ((t - from) / (to - from)) * (this.width - MARGIN.left - MARGIN.right);
   }
 
-  /** Time at a pixel of the stage. */
+  /** Return the time at a pixel of the canvas. */
   t(x) {
     const { from, to } = this.span;
     return from + ((x - MARGIN.left) / (this.width - MARGIN.left - MARGIN.right)) * (to - from);
@@ -151,7 +151,7 @@ class Plot {
     pen.setLineDash([]);
   }
 
-  /** A curve as it is where samples are far apart; where many share a pixel, from their least to their largest. */
+  /** Draw a curve through its samples, or as minimum-maximum bars where many samples share a pixel. */
   drawCurve(pen, curve, { color: name, width, dash }, y) {
     const first = curve.index(this.span.from);
     const last = Math.min(curve.y.length - 1, curve.index(this.span.to) + 1);
@@ -200,7 +200,7 @@ class Plot {
     pen.stroke();
   }
 
-  /** Put the cursor and the values of the legend at time t. */
+  /** Move the cursor and the legend's values to time t. */
   point(t) {
     const inside = t >= this.span.from && t <= this.span.to;
     this.cursor.hidden = !inside;

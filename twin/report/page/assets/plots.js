@@ -1,11 +1,11 @@
-// All plots: they share one span of time, and one cursor with the player.
+// All plots; they share a time span, and a cursor with the player.
 
 const CLOSEST = 0.01;
 
 class Plots {
   constructor(box, clock) {
     this.clock = clock;
-    // for pages that want to know
+    // callbacks: after drawing, after a change of the time span
     this.drawn = this.zoomed = () => {};
     this.span = { from: 0, to: clock.end };
     this.plots = page.panels.map((panel) => new Plot(panel, this.span));
@@ -29,14 +29,14 @@ class Plots {
     clock.listen(() => this.point());
   }
 
-  /** Others take the place of these. */
+  /** Replace the plots. */
   forget() {
     for (const watcher of this.watchers) watcher.disconnect();
   }
 
-  /** Draw what is out of date and on the screen; the others when they come there. */
+  /** Draw outdated plots that are on the screen; others are drawn when scrolled into view. */
   refresh() {
-    // widths are read before texts change, or each plot would be laid out anew
+    // read all widths before changing texts, so that the browser lays out only once
     for (const plot of this.seen) if (this.stale.delete(plot)) plot.draw();
     this.point();
     this.drawn();
@@ -52,7 +52,7 @@ class Plots {
     });
   }
 
-  /** Also what is not on the screen: for paper, and so that scrolling finds everything there. */
+  /** Draw plots off the screen, too: for printing and smooth scrolling. */
   drawAll() {
     this.stale.clear();
     for (const plot of this.plots) {
@@ -74,7 +74,7 @@ class Plots {
     this.zoomed();
   }
 
-  /** Show `factor` times as much, about the cursor if it is in sight. */
+  /** Scale the time span by `factor`, about the cursor if it is visible. */
   zoomBy(factor) {
     const { from, to } = this.span;
     const time = this.clock.time;

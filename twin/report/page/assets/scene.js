@@ -1,4 +1,4 @@
-// The robot in space, drawn back to front. Lengths in mm, frame B: z up.
+// 3-D drawing of the robot, back to front. Lengths in mm, frame B: z up.
 
 const CENTRE = [0, 0, -62];
 const ROOM = 118;
@@ -14,7 +14,7 @@ class Scene {
     this.canvas = canvas;
   }
 
-  /** `size` numbers of the poses' columns from `column` on, at time t, straight between the frames. */
+  /** Return `size` pose columns from `column` on at time t, linearly interpolated between frames. */
   read(t, column, size) {
     const { at, count, start, step } = this.frames;
     const place = Math.min(count - 1, Math.max(0, (t - start) / step));
@@ -26,7 +26,7 @@ class Scene {
     });
   }
 
-  /** Everything to draw at time t: polygons, lines and texts with points in B. */
+  /** Return the polygons, lines and texts to draw at time t, with points in B. */
   parts(t) {
     const ends = this.read(t, 0, 9);
     const p = this.read(t, 9, 3);
@@ -55,7 +55,7 @@ class Scene {
     return [...parts, ...this.arrowParts(p, this.read(t, 15, 3), "--ink", 2.2, 90)];
   }
 
-  /** The twin's model over the robot, in lines; its columns begin at `column`. */
+  /** Add the twin's model as lines over the robot; its columns begin at `column`. */
   secondParts(t, column) {
     const ends = this.read(t, column, 9);
     const p = this.read(t, column + 9, 3);
@@ -65,7 +65,7 @@ class Scene {
     return [...legs, { points: [...corners, corners[0]], ...style }];
   }
 
-  /** Fields of the surface where they are at displacement s. */
+  /** Add the surface's grid cells at displacement s. */
   surfaceParts(s) {
     const parts = [];
     for (let i = 0; this.surface && i + 1 < this.surface.length; i++)
@@ -77,7 +77,7 @@ class Scene {
     return parts;
   }
 
-  /** The way of the platform until t. */
+  /** Add the platform's path up to time t. */
   traceParts(t) {
     const { at, count, start, step } = this.frames;
     const last = Math.min(count - 1, Math.floor((t - start) / step));
@@ -87,7 +87,7 @@ class Scene {
     return points.length > 1 ? [{ points, line: "--purple", width: 1.4, bias: 40 }] : [];
   }
 
-  /** The force that the robot exerts on the surface, from where it acts. */
+  /** Add the force of the robot on the surface, as an arrow from its point of action. */
   arrowParts(p, F, line, width, bias) {
     const size = Math.hypot(...F);
     if (size < 0.05) return [];
@@ -99,7 +99,7 @@ class Scene {
     return [{ points: [p, tip], line, width, bias }, { points: head, line, width, bias }];
   }
 
-  /** Draw the pose at time t, seen from `yaw` and `pitch` (rad), enlarged by `zoom`. */
+  /** Draw the pose at time t with the camera at `yaw` and `pitch` (rad), magnified by `zoom`. */
   draw(t, { yaw, pitch, zoom }) {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     const pen = prepared(this.canvas, width || 400, height || 400);
@@ -114,7 +114,7 @@ class Scene {
     const parts = this.parts(t).map((part) => ({ ...part, points: part.points.map(seen) }));
     for (const part of parts) {
       part.far = part.points.reduce((sum, point) => sum + point[2], 0) / part.points.length - (part.bias || 0);
-      // the robot is above its surface: from above it hides the surface, from below it is seen through it
+      // seen from above, the robot hides the surface; seen from below, the surface is transparent
       if (part.surface) part.far += up > 0 ? 1000 : -1000;
       if (part.surface && up <= 0) part.alpha = 0.6;
     }
