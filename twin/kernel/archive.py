@@ -34,9 +34,6 @@ def entries(file: Path, kind: str = "FMU") -> dict[str, int]:
 
     Args:
         kind: "FMU" or "SSP", for error messages.
-
-    Raises:
-        InputRefused: not a zip, damaged, an entry that points outside or is a link, too many or too large entries.
     """
     try:
         with zipfile.ZipFile(file) as archive:
@@ -87,11 +84,7 @@ def entry_of(source: str, names: dict[str, int], base: str) -> str:
 
 
 def read_entry(file: Path, entry: str, limit: int = MAX_TEXT_BYTES) -> bytes:
-    """Read the content of an entry of the archive `file`, which `entries` must have accepted.
-
-    Raises:
-        InputRefused: the entry has more than `limit` bytes.
-    """
+    """Read the content of an entry of the archive `file`, which `entries` must have accepted."""
     with zipfile.ZipFile(file) as archive:
         info = next(info for info in archive.infolist() if entry_path(info) == entry)
         if info.file_size > limit:

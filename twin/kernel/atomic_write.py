@@ -57,12 +57,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 
 def refuse_unwritable(path: Path) -> None:
-    """Check that a file could be written to `path`, before there is data to write; create missing folders.
-
-    Raises:
-        InputRefused: a folder, pipe or device is at `path`.
-        NotWritten: the folder refuses.
-    """
+    """Check that a file could be written to `path`, before there is data to write; create missing folders."""
     with contextlib.suppress(_DryRunEnd), atomic_write(path):
         raise _DryRunEnd
 
@@ -76,9 +71,6 @@ def open_unbuffered(path: Path) -> Iterator[Callable[[str], None]]:
     """Truncate the file at `path` and yield a function that appends text to it without buffering.
 
     Appended text survives a crash.
-
-    Raises:
-        NotWritten: the folder or the disk refuses, also in `append`.
     """
 
     def append(text: str) -> None:

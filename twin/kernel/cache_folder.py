@@ -43,11 +43,7 @@ def cache_folder(name: str) -> Path:
 
 
 def cache_base() -> Path:
-    """Return the location of twin's cache: the variable TWIN_CACHE, or the platform's cache folder.
-
-    Raises:
-        InputRefused: TWIN_CACHE is not an absolute path, or there is no home folder.
-    """
+    """Return the location of twin's cache: the variable TWIN_CACHE, or the platform's cache folder."""
     given = os.environ.get(CACHE_VARIABLE, "")
     try:
         base = Path(given).expanduser() if given else _default_base()

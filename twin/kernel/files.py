@@ -98,11 +98,7 @@ def foreign_kind(content: bytes) -> str:
 
 
 def read_text(path: Path, limit: int = MAX_TEXT_BYTES, kind: str = "file") -> str:
-    """Read the UTF-8 text of the regular file at `path`; arguments as in `read_bytes`.
-
-    Raises:
-        InputRefused: see `read_bytes`; or not UTF-8, with the kind of file if known.
-    """
+    """Read the UTF-8 text of the regular file at `path`; arguments as in `read_bytes`."""
     content = read_bytes(path, limit, kind)
     if what := foreign_kind(content):
         raise InputRefused(f"{path}: {what}; expected text in UTF-8")
@@ -117,20 +113,12 @@ def read_text(path: Path, limit: int = MAX_TEXT_BYTES, kind: str = "file") -> st
 
 
 def read_toml(path: Path, kind: str = "file") -> dict[str, Any]:
-    """Read the tables of the TOML file at `path`; `kind` as in `read_bytes`.
-
-    Raises:
-        InputRefused: see `read_text`; or not TOML.
-    """
+    """Read the tables of the TOML file at `path`; `kind` as in `read_bytes`."""
     return parse_toml(read_text(path, MAX_TOML_BYTES, kind), str(path))
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
-    """Parse `text` as TOML.
-
-    Raises:
-        InputRefused: not TOML; the message begins with `where`.
-    """
+    """Parse `text` as TOML."""
     # the parser's time grows with the square of the number of a key's parts, which may be quoted and separated by
     # blanks
     bare = _TOML_TOKEN.sub(lambda token: "" if token[0].isspace() or token[0].startswith("#") else "_", text)
@@ -140,30 +128,17 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
 
 
 def read_json(path: Path, limit: int = MAX_TEXT_BYTES) -> Any:
-    """Read the value in the JSON file at `path`.
-
-    Raises:
-        InputRefused: see `read_text`; or not JSON.
-    """
+    """Read the value in the JSON file at `path`."""
     return parse_json(read_text(path, limit), str(path))
 
 
 def parse_json(text: str | bytes, where: str) -> Any:
-    """Parse `text` as JSON.
-
-    Raises:
-        InputRefused: not JSON; the message begins with `where`.
-    """
+    """Parse `text` as JSON."""
     return _parse("JSON", json.loads, text, where)
 
 
 def parse_xml(content: bytes, where: str) -> ET.Element:
-    """Parse `content` as XML and return its root element.
-
-    Raises:
-        InputRefused: not XML, deeper than `MAX_DEPTH`, or with a document type, which may define expanding entities or
-            name files; the message begins with `where`.
-    """
+    """Parse `content` as XML and return its root element."""
     parser = ET.XMLParser(target=_SafeTreeBuilder())
     try:
         parser.feed(content)

@@ -135,11 +135,7 @@ def compiler_versions() -> tuple[str, ...]:
 
 @cache
 def chosen_form() -> ProcessorForm:
-    """Return the processor form (set of allowed instructions) that this process compiles for and loads.
-
-    Raises:
-        InputRefused: TWIN_PROCESSOR names a form that this processor cannot run.
-    """
+    """Return the processor form (set of allowed instructions) that this process compiles for and loads."""
     able = llvm.get_host_cpu_features()
     if llvm.get_process_triple().startswith("x86_64"):
         forms = [form for form in X86_64 if all(able.get(word[1:]) for word in form.features.split(",") if word)]

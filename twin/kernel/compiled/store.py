@@ -212,9 +212,6 @@ def _identity(value: Any, modules: set[str]) -> str:
     Args:
         value: function, or value of a closure.
         modules: modules of all functions in `value` are added to it.
-
-    Raises:
-        UnnamedFunction: `value` has no unique text.
     """
     import numpy as np
 

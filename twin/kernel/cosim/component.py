@@ -209,11 +209,7 @@ class Holder(Protocol):
         """Serialise the component state saved as `token`, for another process."""
 
     def unpack(self, content: bytes) -> Any:
-        """Create a token from a serialised component state, possibly of another process.
-
-        Raises:
-            InputRefused: invalid content.
-        """
+        """Create a token from a serialised component state, possibly of another process."""
 
 
 @njit(cache=True)

@@ -84,9 +84,6 @@ def parse_expression(text: str, where: str) -> Expression:
 
     Args:
         where: prefix of error messages.
-
-    Raises:
-        InputRefused: not an expression of the grammar.
     """
     if len(text) > MAX_LENGTH:
         raise InputRefused(f"{where}: an expression of {len(text)} characters; expected at most {MAX_LENGTH}")

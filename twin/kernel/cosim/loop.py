@@ -295,9 +295,6 @@ class LoopComponent(Component):
         wires: (output, input) pairs as in `System`, of whole ports; every input of a member has one.
         path: name of the loop, for messages.
         cure: alternatives if it does not converge, for messages.
-
-    Raises:
-        InputRefused: a member has no reaction function and cannot repeat a step, or too many unknowns.
     """
 
     INPUT_OWNER = "given"

@@ -54,11 +54,7 @@ class Observer:
         return encode_json({name: getattr(self, name) for name in self.lasting})
 
     def restore(self, state: Any) -> None:
-        """Restore the observer's state from a result of `state` at the same tick.
-
-        Raises:
-            InputRefused: invalid content.
-        """
+        """Restore the observer's state from a result of `state` at the same tick."""
         found = decode_json(state, type(self).__name__)
         if not isinstance(found, dict) or set(found) != set(self.lasting):
             raise InputRefused(f"the state of {type(self).__name__} has other contents than {', '.join(self.lasting)}")
@@ -180,9 +176,6 @@ def simulate(
         lasting: observers by name that are restored from the entry "observers" of the state.
         adopt: restores a state of a different system; None if the state is of the same system.
         start: moves the simulation to a tick other than 0 if there is no such `state`.
-
-    Raises:
-        InputRefused: the state is of another system.
     """
     simulation = Simulation(assembly.system, last_tick, slice_ticks, timed)
     if state is not None:

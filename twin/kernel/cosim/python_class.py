@@ -255,9 +255,6 @@ class PythonSource:
 
     Attributes:
         sha256: digest of its content.
-
-    Raises:
-        InputRefused: it cannot be read, or is not valid Python.
     """
 
     def __init__(self, file: Path):
@@ -271,11 +268,7 @@ class PythonSource:
             raise InputRefused(f"{file}: not a Python file: {problem}") from None
 
     def load_class(self, name: str) -> type:
-        """Execute the Python file as a new module and return its class `name`; it can import from its own folder.
-
-        Raises:
-            InputRefused: the file raises an exception, or has no such class.
-        """
+        """Execute the Python file as a new module and return its class `name`; it can import from its own folder."""
         module = ModuleType(f"{self.file.stem}_{self.sha256[:12]}")
         module.__file__ = str(self.file)
         # dataclasses look up their module in sys.modules
@@ -306,9 +299,6 @@ def declared_ports(
         label: name in error messages.
         inputs, outputs: ports offered by the part of the robot that it implements.
         required: outputs that it must declare.
-
-    Raises:
-        InputRefused: a missing declaration, an unknown port, or no `step(t, inputs)`.
     """
     for attribute in ("inputs", "outputs", "step"):
         if not hasattr(kind, attribute):
@@ -324,11 +314,7 @@ def declared_ports(
 
 
 def make_instance(label: str, kind: type, parameters: Mapping[str, Any]) -> Any:
-    """Create an instance of the Python class `kind` with `parameters`.
-
-    Raises:
-        InputRefused: unknown or missing parameters, or an exception in the constructor.
-    """
+    """Create an instance of the Python class `kind` with `parameters`."""
     try:
         known = list(inspect.signature(kind).parameters)
     except ValueError:

@@ -185,10 +185,6 @@ class Simulation:
 
         Returns:
             Names of components that the state does not contain; they keep their initial state.
-
-        Raises:
-            InputRefused: a component cannot restore the state of its namesake.
-            ComponentFailed: an FMU refuses.
         """
         self._refuse_other_time(saved)
         new = self._places.adopt(saved)

@@ -191,9 +191,6 @@ class StatePlaces:
         components: components of the system.
         outputs: memory of all outputs, in one or several copies; empty if it belongs to another system.
         inputs: memory of all inputs; likewise.
-
-    Raises:
-        InputRefused: a component cannot save its state.
     """
 
     def __init__(self, components: Sequence[Component], outputs: np.ndarray, inputs: np.ndarray):
@@ -257,12 +254,7 @@ class StatePlaces:
         return SavedState(state.tick, pieces, inside, about)
 
     def import_state(self, saved: SavedState) -> SystemState:
-        """Convert a state from another process or file, of the same system, to a state that can be restored here.
-
-        Raises:
-            InputRefused: the state is of another system, or invalid.
-            ComponentFailed: an FMU refuses its part.
-        """
+        """Convert a state from another process or file, of the same system, to a state that can be restored here."""
         pieces, contents = self._split_state(saved)
         described = [(c, name, array.dtype.str, list(array.shape)) for c, name, array in self._pieces]
         there = {piece.form[:2]: piece for piece in pieces}
@@ -291,10 +283,6 @@ class StatePlaces:
 
         Returns:
             Names of components that the state does not contain; they are unchanged.
-
-        Raises:
-            InputRefused: a component of the same name has a different form of state.
-            ComponentFailed: an FMU refuses its part.
         """
         pieces, contents = self._split_state(saved)
         there = {piece.form[:2]: piece for piece in pieces}
@@ -385,9 +373,6 @@ def decode_json(stated: Any, where: str) -> Any:
 
     Args:
         where: prefix of error messages.
-
-    Raises:
-        InputRefused: not a result of `encode_json`.
     """
     if isinstance(stated, list):
         return [decode_json(one, where) for one in stated]

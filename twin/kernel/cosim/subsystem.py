@@ -67,9 +67,6 @@ class Subsystem(Component):
     Attributes:
         system, wires: the inner system.
         outlets: output name -> "component.port" of the inner system.
-
-    Raises:
-        InputRefused: `substeps` < 1, or as `System`.
     """
 
     def __init__(

@@ -136,11 +136,7 @@ def open_instance(
     inputs: Sequence[Setting] = (),
     setup: Setup = Setup(),  # noqa: B008, it is frozen
 ) -> Instance:
-    """Create and initialise an FMU instance, for co-simulation or model exchange; arguments as of `Instance`.
-
-    Raises:
-        InputRefused: it cannot be loaded, instantiated or initialised.
-    """
+    """Create and initialise an FMU instance, for co-simulation or model exchange; arguments as of `Instance`."""
     kind = ModelExchange if description.kind == "model_exchange" else CosimInstance
     return kind(name, description, folder, settings, inputs, setup)
 

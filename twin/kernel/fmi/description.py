@@ -193,11 +193,7 @@ class FmuDescription:
         return abilities.mightReturnEarlyFromDoStep or abilities.canReturnEarlyAfterIntermediateUpdate
 
     def with_sizes(self, values: Mapping[str, Value]) -> "FmuDescription":
-        """Return the FMU description with array sizes for the structural parameters among `values`.
-
-        Raises:
-            InputRefused: a structural parameter that is not an integer, an empty array, or too many values.
-        """
+        """Return the FMU description with array sizes for the structural parameters among `values`."""
         structure = {name: v.start for name, v in self.variables.items()}
         for name, value in values.items():
             if name in structure and self.variables[name].causality == STRUCTURAL_PARAMETER:
@@ -317,11 +313,7 @@ def _read_description(file: Path, kind: Kind | None) -> FmuDescription:
 
 
 def build_binary(file: Path) -> CompiledLibrary | None:
-    """Compile the sources of an FMU for this platform, if it lacks a binary for it; None if it has one.
-
-    Raises:
-        InputRefused: not an FMU, or as `compile_sources`.
-    """
+    """Compile the sources of an FMU for this platform, if it lacks a binary for it; None if it has one."""
     names = entries(file)
     model = _model(file, names)
     binary = _binary_entry(int(model.fmiVersion[0]), _interface(model, _choose_kind(file, model, None)).modelIdentifier)
@@ -471,9 +463,6 @@ def refuse_step(description: FmuDescription, tick: float, substeps: int) -> None
 
     FMI 3.0 recommends multiples of fixedInternalStepSize; it is enforced only for FMUs that accept no variable step.
     The step size that FMI 1.0 and 2.0 state is only a preference.
-
-    Raises:
-        InputRefused: it has a fixed internal step, accepts no variable step, and the step is not a multiple of it.
     """
     # the solver chooses the steps of model exchange
     if description.kind == "model_exchange":

@@ -376,9 +376,6 @@ class ExchangeStepping(Stepping):
 
     Attributes:
         integrator: integrator of the instance, with the memory of the step.
-
-    Raises:
-        InputRefused: CVODE is not available for this platform.
     """
 
     def __init__(

@@ -136,11 +136,7 @@ class Instance:
             return list(self.standard.values(self.fmu, variable))
 
     def read_floats(self, variables: Sequence[Variable]) -> np.ndarray:
-        """Read the values of FMU variables as doubles in the FMU's units, arrays flattened.
-
-        Raises:
-            ComponentFailed: the FMU does not return them, or an integer exceeds `MAX_EXACT`.
-        """
+        """Read the values of FMU variables as doubles in the FMU's units, arrays flattened."""
         found = [(v, value) for v in variables for value in self.values(v)]
         for v, value in found:
             if isinstance(value, int) and abs(value) > MAX_EXACT:
@@ -148,11 +144,7 @@ class Instance:
         return np.array([value for _, value in found], dtype=float)
 
     def write(self, settings: Sequence[Setting]) -> None:
-        """Set FMU variables to values; the FMU decides whether that is allowed in its present mode.
-
-        Raises:
-            ComponentFailed: the FMU refuses, or a value is outside the range of its type.
-        """
+        """Set FMU variables to values; the FMU decides whether that is allowed in its present mode."""
         with self.calling("Set"):
             for variable, value in settings:
                 with self._variable_errors(variable):

@@ -428,11 +428,7 @@ def _leave_event_mode(instance: Instance) -> None:
 
 
 def clock_table(instance: Instance) -> np.ndarray:
-    """Make the table of an FMU instance's clocks in initialisation mode, (clocks,) of `cosim_step.CLOCK_RECORD`.
-
-    Raises:
-        InputRefused: a clock does not tick in whole steps.
-    """
+    """Make the table of an FMU instance's clocks in initialisation mode, (clocks,) of `cosim_step.CLOCK_RECORD`."""
     found = clocks(instance.description)
     table = np.zeros(len(found), dtype=CLOCK_RECORD)
     for row, clock in zip(table, found, strict=True):

@@ -523,9 +523,6 @@ class Cvode:
 
     Attributes:
         addresses: addresses for the compiled step, by field of `SOLVER_MEMORY`.
-
-    Raises:
-        InputRefused: FMPy includes no CVODE for this platform.
     """
 
     def __init__(self, x: np.ndarray, absolute: np.ndarray, tolerance: float, indicators: int, user: int):

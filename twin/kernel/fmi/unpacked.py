@@ -145,9 +145,6 @@ def compile_sources(file: Path, digest: str, model: Any, binary: str) -> Compile
         digest: its SHA-256.
         model: its description (FMPy's) with build configurations.
         binary: path that its library would have in the archive.
-
-    Raises:
-        InputRefused: no sources with build instructions, no compiler, or a compile error.
     """
     done = compiled_library(digest, binary)
     if done is not None:
@@ -288,9 +285,6 @@ def call_compiler(command: Sequence[str], refused: str, late: str, folder: Path,
 
     Returns:
         The beginning of its output.
-
-    Raises:
-        InputRefused: compilation fails or exceeds the deadline.
     """
     remaining = COMPILE_TIMEOUT if end is None else max(end - time.monotonic(), 0.0)
     limits = _LIMIT_SCRIPT.format(

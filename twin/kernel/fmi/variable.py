@@ -134,9 +134,6 @@ def parse_value(where: str, items: Mapping[str, float], value: float | str) -> f
     Args:
         where: prefix of error messages.
         items: item name -> value; empty for variables that are not enumerations.
-
-    Raises:
-        InputRefused: not an item, or a name for a variable without items.
     """
     if not items:
         if isinstance(value, str):
@@ -223,11 +220,7 @@ class Variable:
         return next((name for name, number in self.items.items() if number == value), f"{value:g}")
 
     def with_size(self, file: Path, structure: Mapping[str, float]) -> "Variable":
-        """Return the array variable with the size that values of structural parameters give.
-
-        Raises:
-            InputRefused: an empty array, or too many values.
-        """
+        """Return the array variable with the size that values of structural parameters give."""
         if not self.dimensions:
             return self
         sizes = [structure[d] if isinstance(d, str) else d for d in self.dimensions]
@@ -323,12 +316,7 @@ def to_json(value: float | np.ndarray | list[str] | list[bytes]) -> Any:
 
 
 def setting_value(file: Path, variable: Variable, value: Value) -> float | np.ndarray | list[str] | list[bytes]:
-    """Check and convert the user's `value` for the FMU variable `variable` of the FMU `file`.
-
-    Raises:
-        InputRefused: wrong type, out of range, not an enumeration item, not finite, wrong number of values, or no such
-            file.
-    """
+    """Check and convert the user's `value` for the FMU variable `variable` of the FMU `file`."""
     where = f"{file}: parameter {variable.name}"
     given: list[float | str] = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else [value]
     if len(given) not in (1, variable.size):
@@ -375,11 +363,7 @@ def _bytes(where: str, text: str) -> bytes:
 
 
 def given_values(value: ParameterValue, where: str) -> list[float] | list[str]:
-    """Return the values of a parameter in an SSP parameter set, at least one.
-
-    Raises:
-        InputRefused: binary, empty, or text that would name a file of this machine.
-    """
+    """Return the values of a parameter in an SSP parameter set, at least one."""
     if value.type == "Binary" or not value.values:
         what = "binary, which is not supported" if value.values else "given no value"
         raise InputRefused(f"{where}: {value.name} is {what}")

@@ -81,11 +81,7 @@ def machine_identity(packages: Mapping[str, str]) -> dict[str, Any]:
 
 
 def refuse_other_run(saved: SavedState, own: Mapping[str, Any], where: str) -> None:
-    """Refuse a saved state of another run than `own`, an `identity` or a part of it.
-
-    Raises:
-        InputRefused: names the difference, and advises to run the experiment again.
-    """
+    """Refuse a saved state of another run than `own`, an `identity` or a part of it."""
     its = saved.about.get("of")
     if not isinstance(its, dict):
         raise InputRefused(f"{where}: the state does not identify its run")
@@ -295,11 +291,7 @@ class StoredState:
 
 
 def split_time(text: str) -> tuple[str, float | None]:
-    """Split a path with a time, `results/NAME/latest@31.5`, into path and time (s); the time is None without an @.
-
-    Raises:
-        InputRefused: the text after the @ is no time.
-    """
+    """Split a path with a time, `results/NAME/latest@31.5`, into path and time (s); the time is None without an @."""
     path, at, time = text.rpartition("@")
     if not at:
         return text, None

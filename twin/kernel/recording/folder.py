@@ -64,9 +64,6 @@ def claim_run_folder(folder: Path) -> Path:
 
     A name like those of `create_run_folder` gets a marker file: the folder belongs to the user, and every command keeps
     it.
-
-    Raises:
-        InputRefused: it exists and is not empty, or cannot be created.
     """
     with translate_disk_errors(folder, "cannot be read", RecordingError):
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):

@@ -343,10 +343,6 @@ class Writer:
             first_tick: tick of the first row; after the topic's rows written so far.
             rows: (n, sum of the sizes of the topic's fields) float64, columns in the order of the fields; (n, width)
                 for a form.
-
-        Raises:
-            KeyError: undeclared topic.
-            ValueError: rows of another shape, descending ticks, or a count that is not an integer.
         """
         opened = self._topics[topic]
         if rows.ndim != 2 or rows.shape[1] != opened.width:
@@ -384,11 +380,7 @@ class Writer:
         opened.next_tick = int(ticks[-1]) + 1
 
     def write_messages(self, topic: str, ticks: Sequence[int], messages: Sequence[bytes]) -> None:
-        """Record `messages` of a `ForeignTopic` unchanged, each at its tick; see `write_event`.
-
-        Raises:
-            KeyError: undeclared topic.
-        """
+        """Record `messages` of a `ForeignTopic` unchanged, each at its tick; see `write_event`."""
         channel, counts = self._others[topic], self._summary.message_counts
         # consecutive messages of equal length make one block
         for size, group in groupby(zip(ticks, messages, strict=True), lambda one: len(one[1])):

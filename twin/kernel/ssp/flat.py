@@ -86,10 +86,6 @@ def flatten(structure: ssp.Structure, where: str) -> FlatSystem:
 
     Args:
         where: prefix of error messages.
-
-    Raises:
-        InputRefused: a connection with a missing end, two connections into one connector, a cycle through connectors of
-            systems, or two components with one path.
     """
     return _Flattener(structure.system, where).system()
 

@@ -87,11 +87,7 @@ def loose_package(
 
 
 def read_package(file: Path) -> Package:
-    """Read the structure of an SSP archive.
-
-    Raises:
-        InputRefused: not a complete SSP, an invalid structure, or a parameter set that is not in the archive.
-    """
+    """Read the structure of an SSP archive."""
     # unlike Path.is_file, os.path.isfile does not raise for a name that is too long
     if not os.path.isfile(file):
         raise InputRefused(f"{file}: no such SSP")

@@ -37,20 +37,12 @@ def parameter_set(content: bytes, where: str, source: str = "") -> ssp.Parameter
     Args:
         where: prefix of error messages.
         source: file name in the archive.
-
-    Raises:
-        InputRefused: not an SSV file, or an invalid parameter.
     """
     return parameter_set_of(parse_xml(content, where), where, source)
 
 
 def parameter_set_of(root: ET.Element, where: str, source: str = "") -> ssp.ParameterSet:
-    """Read an SSP parameter set from its XML element.
-
-    Raises:
-        InputRefused: another element, a parameter without a name or with a repeated one, or a value that is not a
-            finite number, a Boolean or text.
-    """
+    """Read an SSP parameter set from its XML element."""
     if ssp.local_name(root) != "ParameterSet":
         raise InputRefused(f"{where}: <{ssp.local_name(root)}>; expected <ParameterSet>, an SSV file")
     found = grouped_children(root, "Parameters", "Parameter")
@@ -140,10 +132,6 @@ def structure_of(content: bytes, where: str, load: ResourceLoader) -> ssp.Struct
     Args:
         where: prefix of error messages.
         load: loads parameter sets and mappings that are files of their own.
-
-    Raises:
-        InputRefused: not an SSD of SSP 1.0 or 2.0, invalid names or numbers, or unsupported content: signal
-            dictionaries, connections of array elements.
     """
     root = parse_xml(content, where)
     if root.tag != f"{SSD_NAMESPACE}SystemStructureDescription":

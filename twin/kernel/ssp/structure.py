@@ -274,11 +274,7 @@ def annotations_of(element: ET.Element) -> tuple[Annotation, ...]:
 
 
 def units_of(root: ET.Element, where: str) -> tuple[UnitDefinition, ...]:
-    """Return the unit definitions of an SSP file.
-
-    Raises:
-        InputRefused: a unit without a name, a unit defined twice, or powers that are not small integers.
-    """
+    """Return the unit definitions of an SSP file."""
     found = []
     for unit in grouped_children(root, "Units", "Unit"):
         name = required_attribute(unit, "name", where)

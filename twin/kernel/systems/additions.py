@@ -60,11 +60,7 @@ def setting_text(value: Value) -> str:
 
 
 def with_parameters(package: Package, files: Sequence[Path]) -> Package:
-    """Add the values of SSV files to the outermost system of an SSP package.
-
-    Raises:
-        InputRefused: not an SSV file.
-    """
+    """Add the values of SSV files to the outermost system of an SSP package."""
     if not files:
         return package
     sets = [parameter_set(read_bytes(file, kind="SSV file"), str(file), str(file)) for file in files]
@@ -104,11 +100,7 @@ class SystemNames:
         return described(self._files[path], lenient=True)
 
     def place(self, name: str, option: str) -> Endpoint:
-        """Return the (component, variable) called `name`; component "" for a connector of the outermost system.
-
-        Raises:
-            InputRefused: no component or variable has this name.
-        """
+        """Return the (component, variable) called `name`; component "" for a connector of the outermost system."""
         if name in self.package.structure.system.connector_of:
             return Endpoint("", name)
         owners = [path for path in self._files if name.startswith(f"{path}.")]
@@ -141,11 +133,7 @@ class SystemNames:
 
 
 def with_settings(flat: FlatSystem, names: SystemNames, settings: Sequence[str]) -> FlatSystem:
-    """Add the values of settings NAME=VALUE to the outermost system of a package; they override all others.
-
-    Raises:
-        InputRefused: not NAME=VALUE, an unknown name, or a value of the wrong type.
-    """
+    """Add the values of settings NAME=VALUE to the outermost system of a package; they override all others."""
     assigned = {path: dict(values) for path, values in flat.assigned.items()}
     seen: dict[Endpoint, str] = {}
     for text in settings:

@@ -61,10 +61,6 @@ class MasterChoice:
             used: FMU of each component, as the kind in use.
             scheme: coupling scheme of the system.
             where: prefix of error messages.
-
-        Raises:
-            InputRefused: a solver without FMUs for model exchange, a kind that no FMU uses, or an order with Jacobi
-                coupling.
         """
         for_all = self.kinds.get("")
         others = {one.kind for name, one in used.items() if name not in self.kinds}

@@ -72,9 +72,6 @@ def couple_system(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[Pre
 
     Args:
         folders: folders of the unpacked FMUs by SHA-256.
-
-    Raises:
-        InputRefused: an FMU that cannot be loaded or initialised, an unsupported step, or a loop that cannot be solved.
     """
     refuse_steps(plan, "another --tick-ms or --step")
     found = find_loops(plan)
@@ -114,10 +111,6 @@ def initialise_fmus(
         solved: loops whose initial values are solved for.
         outputs_at_start: see `FmuComponent`; by component.
         free: whether unread outputs may be non-finite, and unreadable local variables are dropped.
-
-    Raises:
-        InputRefused: see `couple_system`.
-        ComponentFailed: an FMU does not return an output, or its value does not fit the input that it feeds.
     """
     fed = {source for source, _ in plan.wires}
     parts: list[SystemPart] = []
@@ -217,9 +210,6 @@ class _SolvableLoop:
         path: path of the loop, for messages.
         cure: alternatives, for messages.
         leading_back: wires against the step order of its parts; their values are the unknowns.
-
-    Raises:
-        InputRefused: an unknown is not continuous, a part has longer steps, or a part cannot repeat a step.
     """
 
     def __init__(self, plan: SystemPlan, loop: AlgebraicLoop):
@@ -338,11 +328,7 @@ class _InitialValues:
         self._read: dict[int, int] = {}
 
     def settle(self) -> bool:
-        """Propagate initial values between FMUs until all agree, and solve loops; return False if they do not.
-
-        Raises:
-            InputRefused: the initial values of a loop do not converge.
-        """
+        """Propagate initial values between FMUs until all agree, and solve loops; return False if they do not."""
         if not self._back:
             return self._propagate()
         z = np.concatenate([_read_port(source, output) for source, output, _, _ in self._back])

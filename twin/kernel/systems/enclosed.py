@@ -136,9 +136,6 @@ class EnclosedSystem:
             ticks: duration of the run (ticks); 0 if unknown.
             sampled: see `FmuComponent`.
             inputs_at_start, outputs_at_start: see `FmuComponent`; by port.
-
-        Raises:
-            InputRefused: a step does not fit, or an FMU cannot be initialised.
         """
         when = timing_inside(self.plan.package, self._flat, self.descriptions, tick, every, ticks)
         fed = {_wire(self, port.variable.name): (f"in{n}", port) for n, port in enumerate(inputs)}
@@ -221,10 +218,6 @@ def enclose_system(file: Path, table: str, values: Mapping[str, Value], named: C
         table: table of the experiment that names it, for messages.
         values: start values, also of inputs that then have no source, by "component.variable" or connector.
         named: names that the mapping uses; they may include inner variables.
-
-    Raises:
-        InputRefused: an invalid SSP, a value that cannot be set, a connector without a component, or a connector of
-            ambiguous unit.
     """
     package = read_package(file)
     flat = flatten(package.structure, f"{file}")

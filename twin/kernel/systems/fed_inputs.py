@@ -60,10 +60,6 @@ def input_extras(
     Args:
         inputs, settings: see `Additions`; an input may not be in both.
         start: start of the run (s).
-
-    Raises:
-        InputRefused: an unknown input, a file or expression that cannot be read, or an input with both a value and a
-            signal.
     """
     fed = [one for text in inputs for one in _input_signals(names, text)]
     if not fed:
@@ -248,9 +244,6 @@ def table_extras(package: Package, flat: FlatSystem) -> tuple[FlatSystem, System
 
     Returns:
         (system without its tables, components and connections in their place).
-
-    Raises:
-        InputRefused: a table that is not a CSV file of the archive, or a missing column.
     """
     tables = {path: one for path, one in flat.components.items() if is_table(one)}
     if not tables:

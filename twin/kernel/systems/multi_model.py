@@ -33,11 +33,7 @@ _NAME_PATTERN = re.compile(r"(?P<fmu>\{[^{}]*\})\.(?P<instance>[^.]+)\.(?P<varia
 
 
 def multi_model(file: Path) -> Package:
-    """Read the system of a Maestro multi-model; FMU paths are relative to its folder, else to the working directory.
-
-    Raises:
-        InputRefused: no such file, not a multi-model, or a missing FMU.
-    """
+    """Read the system of a Maestro multi-model; FMU paths are relative to its folder, else to the working directory."""
     where = f"{file}"
     content = parse_json(read_bytes(file, MAX_STRUCTURE_SIZE), where)
     if not isinstance(content, dict) or not isinstance(content.get("fmus"), dict) or not content["fmus"]:

@@ -36,9 +36,6 @@ def open_system(
         compiled: whether FMUs without a binary for this platform are built from source.
         additions: values, inputs over time, and signals to record.
         beside: components other than FMUs, in addition to those in `additions`.
-
-    Raises:
-        InputRefused: the system cannot be run.
     """
     with scratch_folder(package) as scratch:
         try:
@@ -87,9 +84,6 @@ def extract_fmus(
 
     Returns:
         (FMU files by entry, names of the system).
-
-    Raises:
-        InputRefused: a component is not an FMU of the archive, or cannot be compiled.
     """
     files: dict[str, Path] = {}
     entries = fmu_sources(package, flat)

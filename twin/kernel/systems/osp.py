@@ -46,11 +46,7 @@ UNSUPPORTED_ELEMENTS = {
 
 
 def osp_system(file: Path) -> Package:
-    """Read the system of an OSP file, OspSystemStructure.xml; FMU sources are relative to the file.
-
-    Raises:
-        InputRefused: no such file, a missing FMU, or unsupported content.
-    """
+    """Read the system of an OSP file, OspSystemStructure.xml; FMU sources are relative to the file."""
     where = f"{file}"
     root = parse_xml(read_bytes(file, MAX_STRUCTURE_SIZE), where)
     if local_name(root) != "OspSystemStructure":

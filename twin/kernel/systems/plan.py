@@ -133,11 +133,7 @@ class SystemPlan:
 
 
 def fmu_sources(package: Package, flat: FlatSystem) -> dict[str, str]:
-    """Return the archive entry of each component's FMU, by component path.
-
-    Raises:
-        InputRefused: no component, or a component that is not an FMU of the archive.
-    """
+    """Return the archive entry of each component's FMU, by component path."""
     if not flat.components:
         raise InputRefused(f"{package.file}: a system without components; expected at least one")
     found = {}
@@ -173,10 +169,6 @@ def plan_system(
         beside: components other than FMUs.
         patterns: name patterns of the signals to record; empty for all outputs and all sources of connections.
         when: times and steps; None to determine them by `timing`.
-
-    Raises:
-        InputRefused: an invalid FMU, connection or value, an input without a value or without a sample in the run, or a
-            step size or end time that is stated nowhere.
     """
     choice.refuse_unknown(flat.components, f"{package.file}")
     reader = _Planner(package, flat, files, choice, beside, patterns)

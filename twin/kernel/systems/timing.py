@@ -61,10 +61,6 @@ def timing(
 
     Args:
         descriptions: FMU descriptions by component.
-
-    Raises:
-        InputRefused: a value is stated nowhere (the message names all of them), or start or end is not a multiple of a
-            component's step.
     """
     steps = _steps(package, flat, choice)
     length, source = (
@@ -124,9 +120,6 @@ def timing_inside(
         tick: step size of the enclosing system (s).
         every: ticks in a step of the enclosing component.
         ticks: duration of the run (ticks); 0 if unknown.
-
-    Raises:
-        InputRefused: a component's step is not a whole number of ticks.
     """
     own = _steps(package, flat, MasterChoice())
     length, source = _annotation_step(package)
@@ -146,11 +139,7 @@ def _round_step(step: float) -> float:
 
 
 def step_order(package: Package, flat: FlatSystem, choice: MasterChoice) -> list[str]:
-    """Return a system's components in step order: the user's, else the annotated, else the file's.
-
-    Raises:
-        InputRefused: the annotation names an unknown component.
-    """
+    """Return a system's components in step order: the user's, else the annotated, else the file's."""
     asked = list(choice.order) or list(_annotated_order(package, flat))
     return [*asked, *(path for path in flat.components if path not in asked)]
 

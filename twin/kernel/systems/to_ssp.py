@@ -41,9 +41,6 @@ def ssp_archive(plan: SystemPlan) -> bytes:
 
     The user's values, steps, times, kinds and step order are included. SSP does not define step size, step order and
     coupling scheme; these are annotations, which `twin cosim` reads.
-
-    Raises:
-        InputRefused: the system has input signals, which SSP cannot express.
     """
     package = plan.package
     fed = [feed for feed in plan.extras.feeds if feed.by.startswith("--input")]

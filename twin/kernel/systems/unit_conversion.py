@@ -43,11 +43,7 @@ def unit_of_variable(
     description: FmuDescription,
     where: str,
 ) -> ParsedUnit:
-    """Return the unit of an FMU variable from the FMU and from the connector that represents it.
-
-    Raises:
-        InputRefused: the two units differ.
-    """
+    """Return the unit of an FMU variable from the FMU and from the connector that represents it."""
     own = ParsedUnit(
         variable_unit, conversion(variable_unit, description.model.unitDefinitions) if variable_unit else None
     )
@@ -78,10 +74,6 @@ def connection_map(
         end: unit of the target.
         units: unit definitions of the structure, for connectors of systems on the way.
         where: prefix of error messages.
-
-    Raises:
-        InputRefused: different dimensions, an unknown unit, a factor of 0, a gain beyond the range of a double, or a
-            transformation that is not linear.
     """
     found, here, hops = AffineMap(), start, list(hops)
     for count, (transformation, suppressed, unit) in enumerate(hops, start=1):

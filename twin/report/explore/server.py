@@ -146,12 +146,7 @@ class ExplorerServer:
         self._ending: asyncio.TimerHandle | None = None
 
     def begin(self, settings: list[str]) -> None:
-        """Check the explorer's command line and load its experiment.
-
-        Raises:
-            InputRefused: the experiment is refused.
-            TwinError: see `AnsweringProcess.answer`.
-        """
+        """Check the explorer's command line and load its experiment."""
         found = self._processes[0].answer(self.base, {"op": "begin", "settings": settings}, threading.Event())
         if "refused" in found:
             raise InputRefused(found["refused"])

@@ -412,12 +412,6 @@ def write_report(
         budget: whether to run each experiment again without its imperfections, one after the other, for its accuracy
             budget.
         say: callback for the current run.
-
-    Raises:
-        RecordingError: a recording is missing, empty, damaged or not twin's.
-        InputRefused: a run is given twice, has no samples or no budget, or `out` cannot be a file.
-        NotWritten: the disk refuses; an existing page stays.
-        ComponentFailed: a component failed in a run for the budget.
     """
     shown = report_runs(runs)
     path = out or (shown[0].recording.path.parent if len(shown) == 1 else COMPARISON_FOLDER) / REPORT_FILE

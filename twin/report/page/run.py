@@ -164,10 +164,6 @@ def report_runs(paths: Sequence[Path]) -> list[ReportRun]:
     """Read the recorded runs at `paths`: folders, .mcap files, or results/EXPERIMENT for the latest.
 
     Labels of runs of one experiment include the name of their folder.
-
-    Raises:
-        RecordingError: a recording is missing, empty, damaged or not twin's.
-        InputRefused: a run has no samples, or is given twice.
     """
     recordings = [read(recording_in(path)) for path in paths]
     for path, recording in zip(paths, recordings, strict=True):

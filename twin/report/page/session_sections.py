@@ -100,11 +100,7 @@ class SessionFacts(_RecordedModel):
 
 
 def session_facts(run: ReportRun) -> SessionFacts | None:
-    """Return the recorded results of a session; None if it did not end normally.
-
-    Raises:
-        InputRefused: the results are damaged.
-    """
+    """Return the recorded results of a session; None if it did not end normally."""
     text = run.recording.metadata.get("followed", {}).get("facts")
     return None if text is None else _facts_of(text, run.recording.path)
 

@@ -64,10 +64,6 @@ def export_recording(
         force: replace an existing file.
         maps: column maps of a log that twin did not record, see `column_map`.
         joints: fields that a bag stores as JointState.
-
-    Raises:
-        InputRefused: no recording, unknown signal, invalid rate, pyarrow not installed, or the file exists.
-        NotWritten: it cannot be written; an existing file stays.
     """
     recording = _load_recording(run, maps)
     signals = selected_signals(recording, patterns)
@@ -103,9 +99,6 @@ def selected_signals(recording: Recording, patterns: Sequence[str] = ()) -> tupl
 
     Args:
         patterns: `arm.tip`, or with wildcards `arm.*`, `*.force`; a topic's name alone, `arm`, selects all its fields.
-
-    Raises:
-        InputRefused: a pattern matches nothing, or a selected topic has no messages.
     """
     fields = recording.fields()
     for pattern in patterns:
@@ -137,9 +130,6 @@ def recording_from_log(log: Log) -> Recording:
     """Convert another tool's log to a recording: `arm.tip[0]`, `[1]`, ... become the field `tip` of the topic `arm`.
 
     become the field `tip` of the topic `arm`.
-
-    Raises:
-        LogError: a signal is not named `TOPIC.FIELD`, signals of one topic have different times, or times before 0.
     """
     topics: dict[str, list[tuple[str, LogSeries]]] = {}
     for name in dict.fromkeys(re.sub(r"\[\d+\]$", "", name) for name in log.series):

@@ -226,9 +226,6 @@ def write_ros_bag(
         signals: names `topic.field`, each with at least one message.
         joints: fields that are written as JointState.
         rate: messages per second and topic (Hz), see `signal_table`; None to keep every topic's own times.
-
-    Raises:
-        InputRefused: a rate that `signal_table` refuses, or something other than such a bag exists at `folder`.
     """
     own = {f"{folder.name}_0.mcap", METADATA_FILE, MAP_FILE}
     if os.path.lexists(folder) and not (folder.is_dir() and set(os.listdir(folder)) <= own):

@@ -75,10 +75,6 @@ def signal_table(recording: Recording, signals: Sequence[str], rate: float | Non
     Args:
         signals: names `topic.field`, each with at least one message.
         rate: rows per second of simulated time (Hz); None for the times of the selected topic with most messages.
-
-    Raises:
-        InputRefused: the rate is not positive, or too high for times of whole nanoseconds or for the samples.
-        UnknownSeries: unknown signal.
     """
     fields = recording.fields()
     times, rows = time_base(recording, signals, rate)
@@ -140,9 +136,6 @@ def write_csv(path: Path, table: SignalTable) -> None:
 
     A name with a comma or a quote is quoted, a name that spreadsheets would take for a formula begins with an
     apostrophe. Booleans are 0 and 1, NaN is `nan`.
-
-    Raises:
-        InputRefused: two columns would have one name.
     """
     heads = ["t_s", *(heading(column.name, column.unit) for column in table.columns)]
     if twice := [head for head, count in Counter(heads).items() if count > 1]:
@@ -162,9 +155,6 @@ def write_parquet(path: Path, table: SignalTable, metadata: Mapping[str, Mapping
     Args:
         metadata: metadata of the recording, name -> key -> text; each name becomes one JSON text in the file's
             metadata.
-
-    Raises:
-        InputRefused: pyarrow is not installed.
     """
     try:
         import pyarrow as pa
@@ -191,9 +181,6 @@ def write_matlab(path: Path, recording: Recording, signals: Sequence[str], rate:
     Args:
         signals: names `topic.field`, each with at least one message.
         rate: rows per second of simulated time (Hz).
-
-    Raises:
-        InputRefused: a rate that `signal_table` refuses, or a name that MATLAB would truncate.
     """
     from scipy.io import savemat
 

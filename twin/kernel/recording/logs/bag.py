@@ -63,9 +63,6 @@ def read_bag(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
 
     Args:
         columns: see `log_from_topics`.
-
-    Raises:
-        InputRefused: no such file, damaged, or as `log_from_topics`.
     """
     topics, notes = bag_topics(path, columns)
     return log_from_topics(path, topics, columns, notes)
@@ -76,9 +73,6 @@ def bag_topics(path: Path, columns: Mapping[str, MappedColumn]) -> tuple[dict[st
 
     Args:
         columns: columns whose topics' messages are kept.
-
-    Raises:
-        InputRefused: no such file, or damaged.
     """
     folder = os.path.isdir(path)
     files = _files(path) if folder else [path]
@@ -175,9 +169,6 @@ class BagDatabase:
 
     Attributes:
         has_definitions: whether the definitions table exists.
-
-    Raises:
-        LogError: other objects than stored tables, their indexes and triggers, or no tables of a bag.
     """
 
     def __init__(self, bag: sqlite3.Connection, file: Path, size: int):
@@ -200,11 +191,7 @@ class BagDatabase:
         self.has_definitions = bool(columns[DEFINITIONS_TABLE])
 
     def select(self, query: str) -> Iterator[tuple[Any, ...]]:
-        """Run a query on the bag's database, and yield its rows.
-
-        Raises:
-            LogError: rows larger than the file, or more steps than its size allows.
-        """
+        """Run a query on the bag's database, and yield its rows."""
         every = 1000
         left = 100 + MAX_STEPS_PER_BYTE * self._size // every
 

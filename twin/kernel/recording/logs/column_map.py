@@ -35,11 +35,7 @@ _MOTOR_SIDE = re.compile(r"(.*\.)?(theta|omega|count)_m")
 
 
 def column_map(entries: Sequence[str | Path]) -> dict[str, MappedColumn]:
-    """Parse a column map from texts `NAME=[-]COLUMN[UNIT]` and TOML files into columns by signal (and `time`).
-
-    Raises:
-        LogError: an unreadable file, or invalid entries; all errors at once.
-    """
+    """Parse a column map from texts `NAME=[-]COLUMN[UNIT]` and TOML files into columns by signal (and `time`)."""
     columns: dict[str, MappedColumn] = {}
     mistakes: list[str] = []
     for entry in entries:

@@ -33,10 +33,6 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
     Args:
         columns: columns by signal; empty for every numeric column, named as in the head.
         known: unit by name of signals in the head, such as the signals of the log to compare with.
-
-    Raises:
-        LogError: no text, no rows, rows of different lengths, missing or unreadable columns of the map, times that do
-            not ascend; all errors of a kind, one sentence each.
     """
     table = read_table(path)
     mistakes: list[str] = []

@@ -100,11 +100,7 @@ class CsvTable:
     notes: tuple[str, ...] = ()
 
     def column(self, name: str) -> NDArray[np.float64]:
-        """Return the numbers of the CSV column `name`.
-
-        Raises:
-            LogError: two columns have that name.
-        """
+        """Return the numbers of the CSV column `name`."""
         if self.head.count(name) > 1:
             raise LogError(f"{self.path}: two columns are named '{name}'; expected different names")
         return self.values[:, self.head.index(name)]
@@ -125,12 +121,7 @@ class CsvTable:
 
 
 def read_table(path: Path) -> CsvTable:
-    """Read a CSV file as a table.
-
-    Raises:
-        InputRefused: no regular file, or too large.
-        LogError: no text, no rows, or rows of different lengths.
-    """
+    """Read a CSV file as a table."""
     with open_regular(path, MAX_FILE_BYTES) as file:
         return parse_table(path, file)
 
@@ -189,11 +180,7 @@ def parse_table(path: Path, file: BinaryIO) -> CsvTable:
 
 
 def _end_of_text(path: Path, file: BinaryIO) -> int:
-    """Check that `file` is text, and return its size without the zeros that a crash left at its end.
-
-    Raises:
-        LogError: no text, or empty.
-    """
+    """Check that `file` is text, and return its size without the zeros that a crash left at its end."""
     decoder, place, end, empty = codecs.getincrementaldecoder("utf-8")(), 0, 0, True
     while True:
         block = file.read(_BLOCK_BYTES)
@@ -219,11 +206,7 @@ def _end_of_text(path: Path, file: BinaryIO) -> int:
 
 
 def _head(path: Path, text: Iterator[str]) -> tuple[tuple[str, ...], list[str], str, Iterator[tuple[list[str], int]]]:
-    """Parse the head of a CSV file from lines of text: (comments, names of the columns, separator, rows of `_rows`).
-
-    Raises:
-        LogError: no head, or no table.
-    """
+    """Parse the head of a CSV file from lines of text: (comments, names of the columns, separator, rows of `_rows`)."""
     comments: list[str] = []
     before, line = 0, ""
     for line in text:

@@ -114,9 +114,6 @@ def _ros_decoder(name: str, encoding: str, definition: bytes) -> Decoder:
     Args:
         name: name of the type, `sensor_msgs/msg/JointState`.
         encoding: one of `ROS_ENCODINGS`; ignored for ROS 2's own types, whose definition is empty.
-
-    Raises:
-        ValueError: rosbags is not installed, or an invalid, missing or too costly definition.
     """
     try:
         from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore

@@ -135,9 +135,6 @@ def refuse_invalid(path: Path | str, name: str, invalid: int, samples: int) -> N
         path: log.
         name: signal.
         invalid, samples: number of invalid samples, and of all.
-
-    Raises:
-        LogError: more than `MAX_INVALID_SHARE` of them are invalid.
     """
     if invalid > MAX_INVALID_SHARE * samples:
         raise LogError(

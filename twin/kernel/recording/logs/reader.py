@@ -68,11 +68,7 @@ class LogKind(Enum):
 
 
 def kind_of(path: Path) -> LogKind:
-    """Determine the kind of a log from its first bytes.
-
-    Raises:
-        InputRefused: missing, no regular file, or an MCAP file by its name alone.
-    """
+    """Determine the kind of a log from its first bytes."""
     if is_recording(path):
         return LogKind.RECORDING
     if os.path.isdir(path):
@@ -92,11 +88,7 @@ def kind_of(path: Path) -> LogKind:
 
 
 def is_recording(path: Path) -> bool:
-    """Check whether `path` means a recording of twin, which needs no column map.
-
-    Raises:
-        LogError: a folder with bags, but without a recording.
-    """
+    """Check whether `path` means a recording of twin, which needs no column map."""
     # Path.exists would raise for a too long name
     if is_bag(path):
         return False
@@ -113,9 +105,6 @@ def is_recording(path: Path) -> bool:
 def recording_log(recording: Recording) -> Log:
     """Convert a recording of twin to a log; flags and counts become numbers. Topics with fewer than two samples are
     left out.
-
-    Raises:
-        LogError: no samples.
     """
     series: dict[str, LogSeries] = {}
     for key, field in recording.fields().items():
@@ -132,11 +121,7 @@ def recording_log(recording: Recording) -> Log:
 
 
 def _clip_log(log: Log, part: tuple[float | None, float | None]) -> Log:
-    """Return the given `part` of a log; series with fewer than two samples in it are left out.
-
-    Raises:
-        LogError: no samples in the part.
-    """
+    """Return the given `part` of a log; series with fewer than two samples in it are left out."""
     if part == (None, None):
         return log
     start, end = interval(log.path, part)
@@ -148,11 +133,7 @@ def _clip_log(log: Log, part: tuple[float | None, float | None]) -> Log:
 
 
 def interval(where: Path | str, part: tuple[float | None, float | None]) -> tuple[float, float]:
-    """Return start and end (s) of a requested part of a log; infinite if not given.
-
-    Raises:
-        LogError: the start is not before the end.
-    """
+    """Return start and end (s) of a requested part of a log; infinite if not given."""
     start, end = -math.inf if part[0] is None else part[0], math.inf if part[1] is None else part[1]
     if not start < end:
         raise LogError(f"{where}: from {start:g} to {end:g} s: expected a start before the end")
