@@ -125,7 +125,6 @@ def ownership_problem(path: Path) -> str:
 
 
 def _owner_problem(*found: os.stat_result) -> str:
-    """Return an error message if files do not belong to the user; "" if they all do."""
     if not hasattr(os, "geteuid"):
         return ""
     others = {_owner(one) for one in found} - {os.geteuid()}

@@ -157,7 +157,6 @@ class _SafeTreeBuilder(ET.TreeBuilder):
     _depth = 0
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        """Refuse an XML document type before any of its entities is used."""
         raise ValueError("it has a document type (DOCTYPE); do not trust this file")
 
     def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:

@@ -189,7 +189,6 @@ def _sources() -> Sources:
 
 
 def _read_digests() -> dict[str, SourceFile]:
-    """Read the cache of source-file digests that earlier processes stored; empty if missing or damaged."""
     with contextlib.suppress(OSError, ValueError, TypeError, AttributeError):
         path = object_folder() / DIGESTS_FILE
         discard_foreign(path)
@@ -237,7 +236,6 @@ def _unseal(path: Path) -> bytes:
 
 
 def _temporary_folder() -> str:
-    """Create a temporary folder that is deleted when this process exits."""
     import atexit
     import shutil
     import tempfile

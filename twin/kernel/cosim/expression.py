@@ -104,8 +104,6 @@ def parse_expression(text: str, where: str) -> Expression:
 
 
 class _ExpressionReader:
-    """Compiler from the syntax tree of an expression to stack-machine operations in postfix order."""
-
     def __init__(self, where: str):
         self._where = where
         self.program: list[tuple[int, float]] = []

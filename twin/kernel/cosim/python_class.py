@@ -230,7 +230,6 @@ class NamedPorts:
 
 
 def _write_outputs(answer: Any, wanted: DeclaredPorts, into: np.ndarray) -> None:
-    """Check the outputs that a Python step returned and write them to the array `into`, in SI units."""
     if not isinstance(answer, Mapping):
         raise InvalidOutputs(f"returned {type(answer).__name__} from step (expected a dictionary of its outputs)")
     for name, size, place, gain in wanted.places:

@@ -246,7 +246,6 @@ class Simulation:
 
     @cached_property
     def _starts(self) -> list[tuple[Component, int]]:
-        """Components of the system with the offsets of their outputs."""
         return list(zip(self.system.components, self.system.y_start.tolist(), strict=False))
 
     def _copies(self) -> np.ndarray:
@@ -254,14 +253,12 @@ class Simulation:
         return self._y.reshape(-1, self.system.outputs_width)
 
     def _set_tick(self, tick: int) -> None:
-        """Set the simulation's present tick and apply the scheduled memory changes before it."""
         for change in self.system.changes:
             if change.tick < tick:
                 change.memory[...] = change.value
         self.next_tick = tick
 
     def _refuse_other_time(self, saved: SavedState) -> None:
-        """Refuse a saved state whose tick is outside this simulation or contradicts the state's time."""
         time = saved.about.get("time", saved.tick * self.system.tick)
         if not self.system.first_tick <= saved.tick <= self.last_tick + 1:
             raise InputRefused(
@@ -276,7 +273,6 @@ class Simulation:
             )
 
     def _refuse_not_finite(self, state: SystemState) -> None:
-        """Refuse a saved state with a non-finite output that a component reads."""
         place = 0
         copies = len(self._y) // max(1, self.system.outputs_width)
         for component in self.system.components:

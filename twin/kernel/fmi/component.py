@@ -142,8 +142,6 @@ def open_instance(
 
 
 class _DeferredInstances:
-    """FMU instances whose release is deferred, and whether release is deferred now."""
-
     def __init__(self) -> None:
         self.now = False
         self.instances: list[Instance] = []

@@ -344,14 +344,12 @@ def _choose_kind(file: Path, model: Any, kind: Kind | None) -> Kind:
 
 
 def _binary_entry(major: int, identifier: str) -> str:
-    """Return the path in the FMU's archive of the library for this platform."""
     return f"binaries/{_platform(major)}/{identifier}{sharedLibraryExtension}"
 
 
 def _missing_binary_phrase(
     file: Path, names: Collection[str], model: Any, binary: str, platforms: Sequence[str]
 ) -> str:
-    """Describe why an archive has no `binary` for this platform, and the remedy."""
     place = PurePosixPath(binary)
     others = [PurePosixPath(n).name for n in names if n.startswith(f"{place.parent}/") and not n.endswith("/")]
     if others:
@@ -366,7 +364,6 @@ def _missing_binary_phrase(
 
 
 def _platform(major: int) -> str:
-    """Return FMI's folder name for binaries of this platform."""
     if major < 3:
         return platform
     system = {"linux": "linux", "darwin": "darwin", "win32": "windows"}.get(sys.platform, sys.platform)

@@ -310,7 +310,6 @@ def _store(kind, buffer, j, value):
 
 @njit(cache=True)
 def _load(kind, buffer, j):
-    """Read the number at index `j` of a buffer of FMI type `kind`, as a double."""
     if kind == 0:
         return carray(_f64(buffer), j + 1)[j]
     if kind == 1:
@@ -342,7 +341,6 @@ def access(version, instance, g):
 
 @njit(cache=True, inline="always")
 def _scaling(g):
-    """Return the slots of a group's values, and the gains and offsets of their conversion."""
     return carray(_u64(g.slots), g.values), carray(_f64(g.gain), g.values), carray(_f64(g.offset), g.values)
 
 

@@ -157,7 +157,6 @@ class Instance:
 
     @contextmanager
     def _variable_errors(self, variable: Variable) -> Iterator[None]:
-        """Convert every exception of the block to a `ComponentFailed` error that names the FMU's `variable`."""
         try:
             yield
         except UnfitValue as problem:

@@ -144,13 +144,11 @@ class _SignatureCache:
         return status
 
     def _function(self, name: str) -> Any:
-        """Return the FMU library's function for FMPy's `name`, with its signature."""
         function = getattr(self.dll, self._exported_name(name))
         function.argnames, function.argtypes, function.restype = type(self)._signatures[name]
         return function
 
     def _exported_name(self, name: str) -> str:
-        """Return the name in the FMU's binary of FMPy's function `name`."""
         return name
 
     def _signature(self, name: str, function: Any) -> tuple[Any, ...]:
@@ -287,7 +285,6 @@ class Fmi2:
 
     @staticmethod
     def _callbacks(standard: Any, kind: str, logger: Any) -> Any:
-        """Make FMPy's callback structure for an FMU instance, with memory functions and `logger`."""
         from fmpy.logging import addLoggerProxy
 
         callbacks = getattr(standard, kind)()

@@ -585,5 +585,4 @@ class Cvode:
 
 
 def _function(library: ctypes.CDLL, name: str, returns: Any, *kinds: Any) -> Any:
-    """Return a C function of `library` with the given result and argument types."""
     return ctypes.CFUNCTYPE(returns, *kinds)((name, library))

@@ -166,7 +166,6 @@ class Stepping:
 
     @staticmethod
     def _port_at(ports: Sequence[PortSlots], slot: int) -> tuple[FmuPort, str]:
-        """Return the port of the component value at `slot`, and the value's name."""
         one = next(one for one in ports if slot in one.slots)
         name = one.port.variable.name
         return one.port, name if len(one.slots) == 1 else f"{name}[{slot - one.slots[0]}]"
@@ -310,7 +309,6 @@ class Stepping:
         return cosim_step.event_step.address, memory
 
     def _fill(self, m: Any, inputs: np.ndarray, outputs: np.ndarray) -> None:
-        """Fill in the fields of the step's memory that the general step and the step with events share."""
         returned = np.zeros(16, dtype=np.uint8)
         self._keep.append(returned)
         ramp = self.instance.ramp[0]

@@ -223,7 +223,6 @@ def _build_library(file: Path, sets: Sequence[Any], scratch: Path, binary: str) 
 
 
 def _macro_option(file: Path, name: str | None, value: str | None) -> str:
-    """Return the compiler option that defines a preprocessor macro."""
     if not MACRO_PATTERN.fullmatch(name or "") or not (value or "").isprintable():
         text = f"{name}={value}" if value else name
         raise InputRefused(
@@ -455,7 +454,6 @@ def _entries(file: Path, digest: str) -> dict[str, zipfile.ZipInfo]:
 
 
 def _is_same(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> bool:
-    """Whether the file at `path` has the same content as the `entry` of `archive`."""
     try:
         with archive.open(entry) as wanted, path.open("rb") as there:
             while chunk := wanted.read(_CHUNK_SIZE):

@@ -484,7 +484,6 @@ def form_records(filling: Filling, times: np.ndarray, first_sequence: int, rows:
 
 
 def _places(body: bytes, wanted: bytes) -> Iterator[int]:
-    """Yield the offsets of all occurrences of the bytes `wanted` in a message `body`, ascending."""
     place = body.find(wanted)
     while place >= 0:
         yield place

@@ -281,7 +281,6 @@ def _read_file(path: Path, file: BinaryIO, salvage: bool) -> Recording:
 
 
 def _reach_text(streams: dict[str, Stream]) -> str:
-    """Describe how far the messages of `streams` reach in time, as half a sentence."""
     ends = [stream.head["log_time"][-1] for stream in streams.values() if len(stream.records)]
     if not ends:
         return "up to its metadata, no chunk is complete"

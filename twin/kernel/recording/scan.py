@@ -69,7 +69,6 @@ MISSING_MESSAGES = "a chunk before which messages are missing"
 
 @njit(cache=True)
 def _little_endian(content, at, size):
-    """Read an integer of `size` bytes, least significant byte first."""
     number = np.int64(0)
     for k in range(size):
         number |= np.int64(content[at + k]) << 8 * k
@@ -263,7 +262,6 @@ def _parse_record(position: int, opcode: int, body: bytes) -> Header | Chunk | M
 
 
 def _chunk_content(position: int, chunk: Chunk, most: int) -> bytes:
-    """Decompress an MCAP chunk to at most `most` bytes and check its CRC."""
     try:
         if chunk.compression != "zstd":
             raise ValueError("a chunk that is not compressed by zstd")
@@ -411,7 +409,6 @@ class Contents:
 
 
 def _body(content: bytes, record: np.ndarray) -> bytes:
-    """Return the body of an MCAP record, given by its row in the table of `content`."""
     place, _, length = record[: LENGTH_COLUMN + 1].tolist()
     return content[place + RECORD_PREFIX : place + RECORD_PREFIX + length]
 

@@ -107,7 +107,6 @@ def read_package(file: Path) -> Package:
 
 
 def _scheme(structure: Structure, where: str) -> Scheme:
-    """Return the coupling scheme from the annotation of an SSP system; "gauss_seidel" without one."""
     for note in structure.system.annotations:
         if note.type == SCHEME_ANNOTATION and note.content:
             name = parse_xml(note.content.encode(), f"{where}: annotation {SCHEME_ANNOTATION}").get("name", "")

@@ -463,7 +463,6 @@ def _parameter_set(values: ssp.ParameterSet) -> ET.Element:
 
 
 def _text(value: ssp.ParameterValue) -> str:
-    """Format a scalar parameter value as the text of an SSV file."""
     (one,) = value.values
     if isinstance(one, str):
         return one

@@ -167,7 +167,6 @@ def overruled_names(flat: FlatSystem, names: SystemNames, additions: Additions) 
 
 
 def _value(name: str, text: str, variable: Variable, where: str) -> ParameterValue:
-    """Parse the text of a setting to a value of the type of the FMU variable."""
     if variable.is_text:
         if variable.type != "String":
             raise InputRefused(f"{where}: {name} is binary, which cannot be set here")

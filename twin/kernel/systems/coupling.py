@@ -390,7 +390,6 @@ class _InitialValues:
 
 
 def _start_signals(plan: SystemPlan) -> dict[str, np.ndarray]:
-    """Return the initial outputs of signal components (expressions and files), by output."""
     start = np.array([plan.timing.first * plan.timing.tick])
     found: dict[str, np.ndarray] = {}
     for component in plan.extras.components:

@@ -207,7 +207,6 @@ def _split_brackets(head: str) -> tuple[str, str]:
 
 
 def _time(table: CsvTable) -> tuple[str, np.ndarray]:
-    """Return the name of a CSV table's time column and its values (s)."""
     named = {head: split_unit(head) for head in table.head}
     head = next((head for head, (name, _) in named.items() if name.lower() in TIME_NAMES), None)
     if head is None:

@@ -330,7 +330,6 @@ class Cosimulation:
                 raise simulation.failure
 
     def _running_parts(self) -> tuple[SystemPlan, PreparedSystem, Simulation]:
-        """Return plan, prepared system and simulation, created by the first call."""
         if self._running is None:
             additions = Additions([f"{name}={text}" for name, text in self._settings.items()], inputs=self._inputs)
             if self._system is not None:

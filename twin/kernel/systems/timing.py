@@ -224,5 +224,4 @@ def _common_start(descriptions: Mapping[str, FmuDescription]) -> float:
 
 
 def _experiment(description: FmuDescription, name: str) -> float:
-    """Return a number of the FMU's DefaultExperiment, such as its stop time; NaN if not stated."""
     return parse_number(getattr(description.model.defaultExperiment, name, None))

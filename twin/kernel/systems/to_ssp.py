@@ -99,7 +99,6 @@ def _annotations(plan: SystemPlan, scheme: Scheme, tick: float) -> list[Annotati
 
 
 def _value(name: str, variable: Variable, value: object) -> ParameterValue:
-    """Convert the value of an FMU setting to an SSP parameter value in the FMU's unit."""
     if isinstance(value, list):
         if len(value) != 1 or not isinstance(value[0], str):
             raise InputRefused(f"{name}: arrays of text and bytes cannot be written as SSP 1.0")
@@ -116,7 +115,6 @@ def _type(variable: Variable) -> str:
 
 
 def _connectors(plan: SystemPlan) -> dict[str, list[Connector]]:
-    """Return the SSP connectors that connections need, by component."""
     found: dict[str, list[Connector]] = {}
     for part in plan.parts:
         ports = [port.variable for port in (*part.inputs, *part.outputs)]
@@ -136,7 +134,6 @@ def _complete_components(
     kinds: Mapping[str, Implementation],
     steps: Mapping[str, float],
 ) -> SspSystem:
-    """Add missing SSP connectors and the kind in use to the components of `system`."""
     elements: list[SspComponent | SspSystem] = []
     for one in system.elements:
         below = f"{path}.{one.name}" if path else one.name
@@ -157,5 +154,4 @@ def _complete_components(
 
 
 def _ssp_1_type(type_: str) -> str:
-    """Convert a connector type of SSP 2.0 to the type of SSP 1.0."""
     return "Real" if type_ in REAL_TYPES else "Integer" if type_ in INTEGER_TYPES else type_

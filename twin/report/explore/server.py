@@ -394,7 +394,6 @@ class PageLink:
             await self._reply(ask, found)
 
     async def _show(self, session: "LiveSession") -> None:
-        """Send the robot's state to the page whenever it changes."""
         shown = -1
         while True:
             if shown != session.version:

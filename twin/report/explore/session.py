@@ -292,7 +292,6 @@ async def _next_text(connection: ClientConnection) -> dict[str, Any]:
 
 
 def _message_type(channel: dict[str, Any]) -> type[Message]:
-    """Build the protobuf message class from a channel's schema."""
     pool = DescriptorPool()
     for file in FileDescriptorSet.FromString(base64.b64decode(channel["schema"])).file:
         pool.Add(file)

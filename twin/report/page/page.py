@@ -361,7 +361,6 @@ def _claim(finding: ClaimFinding) -> tuple[str, ...]:
 
 
 def _measures(runs: Sequence[ReportRun]) -> Markup:
-    """Return the report's table of measures: a measure per row, a run per column."""
     found = [{(m.text, m.unit): m for m in run.measures} for run in runs]
     lines = dict.fromkeys(key for one in found for key in one)
     if len(runs) == 1:

@@ -114,7 +114,6 @@ def drives_page(facts: Mapping[str, Any]) -> str:
 
 
 def _measures(experiment: Mapping[str, Any], definitions: Mapping[str, Any]) -> Markup:
-    """Return the page's table of measures: a measure per row, a drive per column."""
     drives = experiment["drives"]
     rows = []
     values = [measured_values(drive["run_measures"]) for drive in drives]

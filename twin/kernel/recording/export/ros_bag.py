@@ -335,7 +335,6 @@ def _metadata(file: str, topics: Sequence[RosTopic], counts: Sequence[int], time
 
 
 def _map(topics: Sequence[RosTopic]) -> str:
-    """Return the column map for reading the exported ROS 2 bag with twin."""
     # imported here because other formats do not need it
     import tomlkit
 

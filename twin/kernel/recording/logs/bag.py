@@ -107,7 +107,6 @@ def _missing_files(folder: Path, files: list[Path]) -> list[str]:
 
 @contextmanager
 def _plain_file(file: Path) -> Iterator[Path]:
-    """Yield a bag's file itself, or its decompressed temporary copy."""
     try:
         with open_regular(file, MAX_FILE_BYTES) as content:
             if not file.name.endswith(".zstd"):

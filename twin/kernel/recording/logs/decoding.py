@@ -181,7 +181,6 @@ def _definition_text(definition: bytes, encoding: str) -> str:
 
 
 def _type_closure(name: str, known: Mapping[str, Any]) -> list[str]:
-    """List the message type `name` and all types nested in it."""
     parts, found, level = 0, [name], [name]
     for _ in range(MAX_DEPTH):
         inner = []
@@ -337,7 +336,6 @@ def _named_element(value: Any, rest: str, name: str, around: Sequence[Any]) -> t
 
 
 def _field_names(value: Any) -> Collection[str]:
-    """List the field names of a message; empty for other values."""
     if isinstance(value, Mapping):
         return value
     if is_dataclass(value):

@@ -170,7 +170,6 @@ def _normalise_log(log: Log, part: tuple[float | None, float | None]) -> Log:
 
 
 def _date(seconds: float) -> str:
-    """Format a Unix time stamp as a UTC date and time."""
     try:
         return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC"
     except (ValueError, OverflowError, OSError):
