@@ -30,11 +30,7 @@ def sha256(file: Path) -> str:
 
 
 def entries(file: Path, kind: str = "FMU") -> dict[str, int]:
-    """Check that an archive is undamaged and safe to unpack, and return its entry names and unpacked sizes (bytes).
-
-    Args:
-        kind: "FMU" or "SSP", for error messages.
-    """
+    """Check that an archive is undamaged and safe to unpack, and return its entry names and unpacked sizes (bytes)."""
     try:
         with zipfile.ZipFile(file) as archive:
             infos = archive.infolist()

@@ -194,7 +194,6 @@ def evict(home: Path, most: int, names: re.Pattern[str] = _HASH_NAME) -> None:
 
     Args:
         home: a `private_folder`.
-        most: number to keep.
         names: names that count; other entries stay.
     """
     used: list[tuple[float, Path]] = []

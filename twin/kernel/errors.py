@@ -80,10 +80,7 @@ def translate_disk_errors(
     """Raise errors of the disk in the block as `kind`, with one message: `a.csv: cannot be written: No space left`.
 
     Args:
-        place: file or folder.
         trouble: predicate of the message, such as "cannot be written".
-        kind: error class to raise.
-        remedy: advice, appended to the message.
         caught: errors to translate; `PATH_ERRORS` if a path may contain a NUL.
     """
     try:
@@ -100,7 +97,6 @@ def nearest(got: str, known: Iterable[str], otherwise: str = "known are {}", mos
         got: misspelt name. A known name that contains it as whole words is preferred to a similar one: a missing unit
             is the most common error.
         otherwise: result if no known name is similar; {} is replaced by all of them.
-        most: maximum number of suggestions.
     """
     names = list(known)
     close = close_matches(got, names, most)
@@ -152,12 +148,7 @@ class RecordingDamageError(RecordingError):
 
 
 class UnknownSeries(RecordingError, KeyError):
-    """Error that a recording lacks a topic or field.
-
-    Args:
-        sentence: error message.
-        key: name of the topic or field.
-    """
+    """Error that a recording lacks a topic or field."""
 
     def __init__(self, sentence: str, key: str):
         super().__init__(sentence, key)

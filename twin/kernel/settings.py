@@ -97,11 +97,7 @@ class _SettingsMeta(ModelMetaclass):
 
 
 class Settings(BaseModel, metaclass=_SettingsMeta):
-    """A table of the experiment file, checked: unknown keys are refused, numbers finite, types not converted.
-
-    Attributes:
-        settings: settings of the class, by attribute.
-    """
+    """A table of the experiment file, checked: unknown keys are refused, numbers finite, types not converted."""
 
     settings: ClassVar[dict[str, Setting]]
 

@@ -40,7 +40,6 @@ class Module(NamedTuple):
     Attributes:
         symbol: name of the C entry point to add.
         inner: numba's name of the inner function.
-        text: LLVM assembly.
     """
 
     symbol: str
@@ -110,7 +109,6 @@ class ProcessorForm(NamedTuple):
 
     Attributes:
         suffix: suffix of function names and object files.
-        features: processor features that LLVM may use.
     """
 
     suffix: str

@@ -165,7 +165,6 @@ class Entry(Function):
     """A compiled function that Python calls without numba, and that compiled functions call like any other.
 
     Args:
-        returns, takes, function: see `Native`.
         at_once: whether Python calls it with the GIL held.
     """
 

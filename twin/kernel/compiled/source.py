@@ -102,7 +102,6 @@ class Sources:
 
     Attributes:
         known: the argument, extended by the files that this process parsed.
-        parsed: number of files parsed by this process.
     """
 
     def __init__(self, known: dict[str, SourceFile]):

@@ -54,7 +54,6 @@ def name_of(function: Any, made_for: str) -> str:
     """Derive the name of a function's object file from its code, types and compiler.
 
     Args:
-        function: its source.
         made_for: text that identifies its types, the compiler and the processor.
 
     Raises:
@@ -209,7 +208,6 @@ def _identity(value: Any, modules: set[str]) -> str:
     """Return a text that identifies a function or a value in its closure, to name the compiled code.
 
     Args:
-        value: function, or value of a closure.
         modules: modules of all functions in `value` are added to it.
     """
     import numpy as np

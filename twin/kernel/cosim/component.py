@@ -33,7 +33,6 @@ def step_function(
     Division by zero gives NaN or infinity; functions that `f` calls need `error_model="numpy"` for that.
 
     Args:
-        memory: record dtype of the component's memory.
         inputs, outputs: its ports. If empty, because the component has no ports or they are known only at its
             creation, `u` or `y` is a pointer to doubles, which `carray` converts to an array.
     """
@@ -85,7 +84,6 @@ class Rewind:
     Attributes:
         save_address, restore_address: `restore` restores the last saved state, any number of times.
         self_address: memory argument of both functions.
-        keep: owner of the memory behind the addresses.
     """
 
     save_address: int
@@ -157,9 +155,6 @@ def piece_table(arrays: Iterable[np.ndarray], copy_address: int) -> np.ndarray:
 class Pieces:
     """Pieces of component memory that are copied together to and from a row of bytes, to save and restore state.
 
-    Args:
-        arrays: arrays that contain the pieces.
-
     Attributes:
         at: (address of a `PIECE_RECORD` table with offsets in the row, number of records).
         size: size of the row (bytes).
@@ -217,7 +212,6 @@ def step_status(status, outputs, part):
     """Return the status of a step including the check of its outputs: 0 for success, else its status or `NOT_FINITE`.
 
     Args:
-        status: status that the step returned.
         outputs: address of the outputs.
         part: record with `y_size` and `finite`, whether outputs have to be finite.
     """
@@ -241,7 +235,6 @@ class Component:
         name: unique in the system.
         inputs, outputs: ports, in the order of `u` and `y`.
         sampled: True if it is evaluated at t_k, without advancing time; False if it steps from t_k to t_k + h.
-        step_address, self_address: addresses of the step function and its memory.
         initial_outputs: outputs valid before tick 0.
         period: step of the component (ticks).
         label: name in error messages, e.g. the file name of an FMU.
@@ -326,7 +319,6 @@ class NativeComponent(Component):
     """A component with a compiled step over a record; the fields declared as `state` are its state.
 
     Args:
-        name, inputs, outputs, sampled, period: see `Component`.
         step: function decorated by `step_function`.
         memory: (1,) record of the step.
         initial_outputs: None for zeros; a sampled component overwrites them at tick 0.
@@ -335,7 +327,6 @@ class NativeComponent(Component):
             portable.
 
     Attributes:
-        step, memory, pointers: the arguments.
         portable: whether `memory` and `pointers` are all data of the step, so that it can run in another place.
     """
 

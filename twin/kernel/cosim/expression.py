@@ -80,11 +80,7 @@ class Expression:
 
 
 def parse_expression(text: str, where: str) -> Expression:
-    """Parse a mathematical expression of time into a program of a stack machine.
-
-    Args:
-        where: prefix of error messages.
-    """
+    """Parse a mathematical expression of time into a program of a stack machine."""
     if len(text) > MAX_LENGTH:
         raise InputRefused(f"{where}: an expression of {len(text)} characters; expected at most {MAX_LENGTH}")
     try:

@@ -293,7 +293,6 @@ class LoopComponent(Component):
         inputs: ports; wires refer to them as "given.<port>".
         members: continuous components of period 1, in the order of a pass.
         wires: (output, input) pairs as in `System`, of whole ports; every input of a member has one.
-        path: name of the loop, for messages.
         cure: alternatives if it does not converge, for messages.
     """
 

@@ -68,7 +68,6 @@ class Observer:
         """Process the output rows and events of a completed slice of the simulation.
 
         Args:
-            first: tick of the first row.
             rows: shape (n, width of the system's outputs), overwritten by the next slice. The last slice may be
                 shorter, and empty if a component failed in its first tick.
             events: events of the slice reported by earlier observers, by ascending tick; an observer may insert its
@@ -126,7 +125,6 @@ class SimulationResult:
     """Result of a simulation: its final state, failure and wall time.
 
     Attributes:
-        simulation: completed or failed simulation.
         stepping: wall time in the master (s).
         first: tick at which stepping began.
     """
@@ -167,10 +165,8 @@ def simulate(
     """Step a co-simulation system from its first to its last tick, until a component fails or an observer ends it.
 
     Args:
-        assembly: owner of a newly created system.
         last_tick: last tick, which gets a row but no step.
         observers: called in this order.
-        slice_ticks: maximum length of a slice (ticks).
         timed: whether to measure the time of each component.
         state: initial state in place of tick 0.
         lasting: observers by name that are restored from the entry "observers" of the state.

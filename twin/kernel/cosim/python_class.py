@@ -62,8 +62,6 @@ class PythonComponent(Component):
     """A Python object as a component; slower than a compiled one, as each step is a callback.
 
     Args:
-        model: Python object with the step.
-        period: step of the component (ticks).
         initial_outputs: None for zeros.
         label: name in error messages; the class name by default.
     """
@@ -124,9 +122,6 @@ class PythonComponent(Component):
 
 class ObjectStates:
     """Saved states of a Python object as a `Holder`; its tokens are the serialised state.
-
-    Args:
-        label: name in error messages.
 
     Attributes:
         lacking: reason why its state cannot be saved, as a verb phrase; "" if it can.
@@ -211,7 +206,6 @@ class NamedPorts:
 
     Args:
         model: object with `step(t, inputs) -> outputs`.
-        inputs, outputs: its declared ports.
 
     Attributes:
         stateful: `model`, which holds the state.
@@ -250,11 +244,7 @@ def _write_outputs(answer: Any, wanted: DeclaredPorts, into: np.ndarray) -> None
 
 
 class PythonSource:
-    """A Python source file with component classes, read and compiled once.
-
-    Attributes:
-        sha256: digest of its content.
-    """
+    """A Python source file with component classes, read and compiled once."""
 
     def __init__(self, file: Path):
         content = read_bytes(file, kind="Python file")
@@ -295,7 +285,6 @@ def declared_ports(
     """Check the ports that a Python component class or instance declares; return its (inputs, outputs).
 
     Args:
-        label: name in error messages.
         inputs, outputs: ports offered by the part of the robot that it implements.
         required: outputs that it must declare.
     """

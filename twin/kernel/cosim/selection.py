@@ -31,7 +31,6 @@ class Selection(Component):
     """A component that exposes an inner component through wider ports.
 
     Args:
-        inner: component that does the work.
         inputs, outputs: outer ports.
         taken: index of the outer input value for each inner input value.
         given: index of the outer output value for each inner output value; other outer outputs are 0.

@@ -22,7 +22,6 @@ def failure_phrase(system: System, u: np.ndarray, y: np.ndarray, culprit: int, s
     Args:
         u, y: memory of all inputs and of all outputs, as the master left them.
         culprit, status: component number and status from the master.
-        tick: tick of the failed step.
     """
     component = system.components[culprit]
     what = _not_finite(system, y, culprit) if status == NOT_FINITE else component.explain(status)

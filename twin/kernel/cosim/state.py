@@ -69,7 +69,6 @@ class SavedState:
     """State of a system without addresses, which any process with the same system can restore.
 
     Attributes:
-        tick: tick at whose beginning the state was saved.
         inside: states held by FMUs, Python objects or other processes.
         about: further JSON-compatible data, such as the identity of the run.
     """
@@ -91,9 +90,6 @@ class SavedState:
     @classmethod
     def from_bytes(cls, content: bytes, where: str) -> "SavedState":
         """Read the saved state of a system from bytes written by `to_bytes`.
-
-        Args:
-            where: prefix of error messages.
 
         Raises:
             InputRefused: not a state, of another version, or damaged.
@@ -152,11 +148,7 @@ def _has_type(value: Any, kind: type) -> bool:
 
 
 class SystemState:
-    """Saved state of a system in the memory of its own process; FMUs hold their part of it.
-
-    Attributes:
-        tick: tick at whose beginning the state was saved.
-    """
+    """Saved state of a system in the memory of its own process; FMUs hold their part of it."""
 
     def __init__(self, places: "StatePlaces", tick: int, memory: np.ndarray, tokens: Sequence[Any]):
         self.tick, self.memory, self.tokens = tick, memory, tuple(tokens)
@@ -188,7 +180,6 @@ class StatePlaces:
     """Memory pieces and holders that together contain the state of a system, to save and restore it.
 
     Args:
-        components: components of the system.
         outputs: memory of all outputs, in one or several copies; empty if it belongs to another system.
         inputs: memory of all inputs; likewise.
     """
@@ -369,11 +360,7 @@ def encode_json(value: Any) -> Any:
 
 
 def decode_json(stated: Any, where: str) -> Any:
-    """Restore a value from the result of `encode_json`; tuples become lists.
-
-    Args:
-        where: prefix of error messages.
-    """
+    """Restore a value from the result of `encode_json`; tuples become lists."""
     if isinstance(stated, list):
         return [decode_json(one, where) for one in stated]
     if not isinstance(stated, dict):

@@ -61,11 +61,9 @@ class Subsystem(Component):
         components, wires, scheme: the inner system.
         tick: inner tick (s).
         substeps: inner ticks per outer step.
-        label: name in error messages.
         sampled: whether it is evaluated at t_k; its outputs are then meaningless before the first evaluation.
 
     Attributes:
-        system, wires: the inner system.
         outlets: output name -> "component.port" of the inner system.
     """
 

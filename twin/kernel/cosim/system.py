@@ -219,8 +219,6 @@ class System:
         """Make the memory record of the compiled loop, `LOOP_RECORD` (1,), without rows; it keeps no argument alive.
 
         Args:
-            table: component table, from `table`.
-            y: memory of all outputs, from `outputs`.
             mark: (2,) int64, see `LOOP_RECORD`.
         """
         loop = np.zeros(1, dtype=LOOP_RECORD)

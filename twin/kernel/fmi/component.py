@@ -34,7 +34,6 @@ def mark_stateless(sha256: str, reason: str) -> None:
     """Mark an FMU as unable to save its state, for all processes of this user, or remove the mark.
 
     Args:
-        sha256: digest of the FMU file.
         reason: the finding; "" to remove the mark.
     """
     file = cache_folder(STATELESS_FOLDER) / sha256
@@ -99,7 +98,6 @@ class RememberedMessages:
     """Saved lists of the messages that an FMU has reported, as a `Holder`.
 
     Args:
-        label: prefix of error messages.
         instance: FMU instance, which reports each message once.
         stepping: its step, which reports discarded steps once.
     """
@@ -175,14 +173,10 @@ class FmuComponent(Component):
     """An FMU instance as a component of a co-simulation, with a solver for model exchange.
 
     Args:
-        name: name of component and FMU instance.
-        folder: folder of the unpacked FMU.
-        inputs, outputs: its ports.
         settings: values set before initialisation, in the FMU's units.
         inputs_at_start: port -> value (SI) in initialisation mode; 0 for other ports.
         outputs_at_start: port -> value (SI) of the output at t = 0 after a shift: the zero of an angle is arbitrary,
             and the shaft is coupled at its present angle.
-        setup: data of the run.
         sampled: whether it is evaluated at t_k; its outputs are then meaningless before the first evaluation.
         instance: FMU instance in step mode; None to create and initialise one.
         solver: solver for model exchange; None for CVODE.

@@ -113,10 +113,8 @@ class FmuDescription:
     """Description of an FMU that has passed all checks that need no binary.
 
     Attributes:
-        sha256: digest of the file.
         compiler: compiler that built its library on this machine; "" if the library came with the FMU.
         version: FMI version 1, 2 or 3.
-        kind: kind in use.
         identifier: model identifier, the name of the binary.
         platforms: platform folders with binaries in the archive.
         model: FMPy's description.

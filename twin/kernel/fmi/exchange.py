@@ -109,7 +109,6 @@ class Integrator:
 
     Args:
         model: instance in continuous-time mode.
-        solver: integration method.
         tables: tables of `groups.GROUP_RECORD` of inputs and outputs; empty if the caller sets and reads them.
         width: number of input values.
 
@@ -335,9 +334,6 @@ class ModelExchange(Instance):
         """Read a whole vector of the model, `count` doubles, with the FMU's function `Get{name}`.
 
         Reject an FMU that writes more or fewer numbers, detected by guard values in and behind the buffer.
-
-        Args:
-            name: for example "ContinuousStates" or "EventIndicators".
         """
         if count == 0:
             return np.zeros(0)
@@ -370,12 +366,7 @@ class ExchangeStepping(Stepping):
     """Compiled step of a model-exchange FMU instance, which integrates its equations.
 
     Args:
-        instance: FMU instance in continuous-time mode.
-        solver: integration method.
         inputs, outputs, shift: see `Stepping`.
-
-    Attributes:
-        integrator: integrator of the instance, with the memory of the step.
     """
 
     def __init__(

@@ -226,10 +226,8 @@ def explain_status(
     """Describe a failure status of an FMU's step, as a verb phrase for an error message.
 
     Args:
-        prefix: prefix of FMI function names.
         functions: further function names by base of the status.
         value: time or interval that the FMU returned with the failure (s).
-        clock: name of the clock concerned.
         message: last message that the FMU logged.
         other: status returned if it is outside the standard.
     """

@@ -38,10 +38,8 @@ class Instance:
     Methods that call the FMU raise `ComponentFailed` if it refuses.
 
     Args:
-        folder: folder of the unpacked FMU.
         settings: values set before initialisation, in the FMU's units.
         inputs: values set in initialisation mode.
-        setup: data of the run.
 
     Attributes:
         handle: address of the FMU's own instance.
@@ -49,7 +47,6 @@ class Instance:
         missing: functions missing in its binary, accepted in lenient mode.
         clock: the first element is the tick being stepped.
         stepped: whether it is part of a simulation that has begun.
-        folder, settings, inputs, setup: the arguments.
         standard: implementation of its FMI version, a `lifecycle.Fmi2` or subclass.
         fmu: FMPy's instance; None once freed.
         ramp: `groups.RAMP_RECORD` of the inputs that are interpolated over a step.

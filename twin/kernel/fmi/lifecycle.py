@@ -80,12 +80,7 @@ class _LazyFunctions(dict[str, Any]):
 
 
 class _LenientLibrary:
-    """An FMU's library with functions that return an error in place of missing ones.
-
-    Args:
-        library: ctypes library.
-        missing: list that collects the names of missing functions.
-    """
+    """An FMU's library with functions that return an error in place of missing ones."""
 
     def __init__(self, library: Any, missing: list[str]):
         self._library, self._missing = library, missing

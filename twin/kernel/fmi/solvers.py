@@ -252,7 +252,6 @@ def handle_event(m, u, jumped):
     """Handle an event of a model-exchange FMU at the present time, in event mode; return 0 or a failure status.
 
     Args:
-        m: record of `SOLVER_MEMORY`.
         u: address of the inputs.
         jumped: whether the inputs have to be set.
     """
@@ -517,8 +516,6 @@ class Cvode:
     Args:
         x: states, (n,), which the solver changes in place.
         absolute: absolute tolerance of each state, (n,).
-        tolerance: relative tolerance.
-        indicators: number of event indicators.
         user: address of the memory that is passed to the equations.
 
     Attributes:

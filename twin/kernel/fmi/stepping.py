@@ -38,8 +38,6 @@ class PortSlots:
     """A port and the positions of its values among all inputs or outputs of its component.
 
     Attributes:
-        port: port with its variable.
-        slots: indices of its values.
         shift: offsets added to its values, (number of values,).
     """
 
@@ -66,12 +64,9 @@ class Stepping:
 
     Args:
         instance: FMU instance in step mode.
-        inputs, outputs: its ports.
         shift: offsets added to the output values (SI).
 
     Attributes:
-        address: address of the step function.
-        memory: memory of the step, (1,).
         inputs: ports, see `with_end_ports`.
         outputs: ports with slots and shifts.
         discard_reported: whether discarded steps have been reported.

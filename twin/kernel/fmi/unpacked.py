@@ -142,7 +142,6 @@ def compile_sources(file: Path, digest: str, model: Any, binary: str) -> Compile
 
     Args:
         file: FMU whose archive is checked.
-        digest: its SHA-256.
         model: its description (FMPy's) with build configurations.
         binary: path that its library would have in the archive.
     """
@@ -276,7 +275,6 @@ def call_compiler(command: Sequence[str], refused: str, late: str, folder: Path,
     """Run a compiler with limits of time, memory and file size; kill all its processes afterwards.
 
     Args:
-        command: compiler and arguments.
         refused: beginning of the error message if compilation fails.
         late: error message after a timeout.
         folder: working directory, also for temporary files.

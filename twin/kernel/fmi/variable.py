@@ -132,7 +132,6 @@ def parse_value(where: str, items: Mapping[str, float], value: float | str) -> f
     """Convert an FMU variable's value to a number; for an enumeration, also the name of an item.
 
     Args:
-        where: prefix of error messages.
         items: item name -> value; empty for variables that are not enumerations.
     """
     if not items:
@@ -156,7 +155,6 @@ class Variable:
     Attributes:
         name, causality, description, type, variability: as in the model description; type is "Real" or "Float64".
         kind: index into `NUMERIC_TYPES`; -1 for text or binary.
-        reference: FMI value reference.
         size: number of values, > 1 for an array.
         unit: unit in the model description, "" if not stated.
         conversion: conversion to SI; None if the unit is unknown or not stated.

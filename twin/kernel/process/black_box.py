@@ -93,11 +93,7 @@ class BlackBox:
 
 
 class Announcer:
-    """The writer's end of a black box: a process notes its FMI calls and compile time there for its supervisor.
-
-    Args:
-        fd: file descriptor of the nameless file.
-    """
+    """The writer's end of a black box: a process notes its FMI calls and compile time there for its supervisor."""
 
     def __init__(self, fd: int):
         self._memory = mmap.mmap(fd, INPUTS_AT)

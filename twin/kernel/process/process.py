@@ -54,7 +54,6 @@ class GuardedProcess:
         helper: whether it belongs to a guarded process, the current one, and so shares its group and output.
 
     Attributes:
-        box: black box of the process.
         gone: whether it will send no more reports.
     """
 

@@ -91,7 +91,6 @@ class PipeReporter:
     """Reporter of a job in a guarded process: writes a JSON object per line, and the black box.
 
     Args:
-        pipe: pipe to the supervisor.
         box: file descriptor of the supervisor's `BlackBox`.
 
     Attributes:

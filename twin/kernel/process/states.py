@@ -109,8 +109,6 @@ class RunStates(Observer):
     """Observer that saves states of a run to its recording.
 
     Args:
-        ticks: ticks of the states to save.
-        last_tick: last tick of the run.
         tick: duration of a tick (s).
         about: `identity` of the run.
         lasting: observers whose state is saved too, by name; the recorder is one of them.
@@ -196,11 +194,7 @@ def state_ticks(times: Iterable[float], every: float | None, tick: float, last: 
 
 
 class Interrupts(Observer):
-    """Observer that ends a run between two slices on Ctrl-C or SIGTERM; the second signal ends it immediately.
-
-    Attributes:
-        enough: whether the run was interrupted.
-    """
+    """Observer that ends a run between two slices on Ctrl-C or SIGTERM; the second signal ends it immediately."""
 
     enough = False
 
@@ -271,7 +265,6 @@ class StoredState:
     """A saved state of a run, found in a recording.
 
     Attributes:
-        recording: path of the recording.
         time: simulation time of the state (s).
         content: encoded state.
         branch: whether the restored run may have another experiment.

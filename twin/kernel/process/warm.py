@@ -92,7 +92,6 @@ class Pool(Generic[Task, Answer]):
 
     Args:
         count: number of processes; each starts with its first task.
-        job, limits: see `WarmProcess`.
         ask: function of a process and a task that returns the answer.
     """
 

@@ -43,11 +43,6 @@ def versions() -> dict[str, str]:
 class RowBlock:
     """A block of output rows of consecutive ticks, and the events during them, collected for writing.
 
-    Args:
-        size: maximum number of rows.
-        width: numbers in a row.
-        first: tick of the first row.
-
     Attributes:
         first: tick of the first row of the current block.
     """

@@ -114,9 +114,6 @@ class Summary:
     Attributes:
         schemas: schemas written in the first chunk.
         channels: channels written in the first chunk.
-        chunks: index record of each chunk.
-        metadata: index record of each metadata record.
-        attachments: index record of each attachment.
         message_counts: messages by channel number.
     """
 

@@ -238,7 +238,6 @@ class OpenTopic:
     Attributes:
         period: ticks from one message to the next.
         width: numbers in a row.
-        filling: template of its Message records.
         fields: fields of a numeric topic; empty for a form.
         next_tick: earliest tick of its next row.
     """
@@ -296,7 +295,6 @@ class Writer:
         """Create the partial file of a recording and write its header and metadata.
 
         Args:
-            path: path of the finished file.
             topics: numeric topics; `/events` is added to them.
             tick: duration of one tick, s.
             metadata: name -> key -> text, readable in any MCAP tool.
@@ -339,7 +337,6 @@ class Writer:
         in order of time across topics, at equal times in the order of the calls.
 
         Args:
-            topic: name of a declared topic.
             first_tick: tick of the first row; after the topic's rows written so far.
             rows: (n, sum of the sizes of the topic's fields) float64, columns in the order of the fields; (n, width)
                 for a form.

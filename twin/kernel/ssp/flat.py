@@ -82,11 +82,7 @@ class FlatSystem:
 
 
 def flatten(structure: ssp.Structure, where: str) -> FlatSystem:
-    """Flatten the nested systems of an SSP structure into one list of components and connections.
-
-    Args:
-        where: prefix of error messages.
-    """
+    """Flatten the nested systems of an SSP structure into one list of components and connections."""
     return _Flattener(structure.system, where).system()
 
 

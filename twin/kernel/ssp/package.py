@@ -30,7 +30,6 @@ class Package:
 
     Attributes:
         file: archive, or the file that names the other files of the system.
-        sha256: digest of `file`.
         entries: sizes (bytes) by entry name.
         form: name of the file format, for messages.
         scheme: coupling scheme that tools of this format use.

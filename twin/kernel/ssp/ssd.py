@@ -35,7 +35,6 @@ def parameter_set(content: bytes, where: str, source: str = "") -> ssp.Parameter
     """Read an SSP parameter set from the content of an SSV file.
 
     Args:
-        where: prefix of error messages.
         source: file name in the archive.
     """
     return parameter_set_of(parse_xml(content, where), where, source)
@@ -130,7 +129,6 @@ def structure_of(content: bytes, where: str, load: ResourceLoader) -> ssp.Struct
     """Parse the content of an SSP file's SystemStructure.ssd.
 
     Args:
-        where: prefix of error messages.
         load: loads parameter sets and mappings that are files of their own.
     """
     root = parse_xml(content, where)
@@ -175,12 +173,7 @@ def structure_of(content: bytes, where: str, load: ResourceLoader) -> ssp.Struct
 
 
 class _SystemReader:
-    """Reader of an SSD's systems and their nested elements.
-
-    Args:
-        where: prefix of error messages.
-        load: see `structure_of`.
-    """
+    """Reader of an SSD's systems and their nested elements."""
 
     def __init__(self, where: str, load: ResourceLoader):
         self._where, self._load = where, load

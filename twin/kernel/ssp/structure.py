@@ -183,11 +183,7 @@ class ParameterBinding:
 
 
 class ParseBudget:
-    """A limit on the processor time that a file may take to read; larger files are assumed to be malicious.
-
-    Args:
-        where: prefix of the error message.
-    """
+    """A limit on the processor time that a file may take to read; larger files are assumed to be malicious."""
 
     def __init__(self, where: str):
         self._where = where

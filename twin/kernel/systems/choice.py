@@ -59,8 +59,6 @@ class MasterChoice:
 
         Args:
             used: FMU of each component, as the kind in use.
-            scheme: coupling scheme of the system.
-            where: prefix of error messages.
         """
         for_all = self.kinds.get("")
         others = {one.kind for name, one in used.items() if name not in self.kinds}

@@ -35,7 +35,6 @@ class PreparedSystem:
         system: components in plan order; parts of a solved loop are merged into one.
         settled: whether the initial values are consistent, i.e. every input equals its source.
         columns: slice of a row by part name.
-        solved: whether loops are solved.
         forgiven: accepted violations of binaries.
     """
 
@@ -207,7 +206,6 @@ class _SolvableLoop:
     """An algebraic loop of a system that can be solved, with the wires whose values are its unknowns.
 
     Attributes:
-        path: path of the loop, for messages.
         cure: alternatives, for messages.
         leading_back: wires against the step order of its parts; their values are the unknowns.
     """
@@ -288,9 +286,7 @@ class _InitialValues:
     """Propagator of initial values from FMU outputs to inputs, in initialisation mode.
 
     Args:
-        plan: plan of the system.
         instances: FMU instances in initialisation mode, by part name.
-        solved: loops whose values are solved for.
         given: initial outputs of components that are not FMUs.
     """
 

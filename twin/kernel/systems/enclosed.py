@@ -255,7 +255,6 @@ class _OuterVariables:
     """Variables of an SSP system that are visible from outside.
 
     Attributes:
-        variables: see `EnclosedSystem`.
         exits: visible output -> the inner variable and the conversion from it.
     """
 

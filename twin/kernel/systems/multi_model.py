@@ -70,7 +70,6 @@ class _InstanceNames:
 
     Args:
         files: FMU files by key.
-        where: prefix of error messages.
         names: all variable names in the multi-model.
 
     Attributes:

@@ -80,11 +80,8 @@ class SystemPlan:
     """A checked co-simulation system, ready to be coupled.
 
     Attributes:
-        package: its origin.
         parts: in step order.
         wires: (output, input) in the master, "part.port" each.
-        timing: start, end and steps of the run.
-        choice: options of the master.
         ignored: names with values that match no variable.
         forgiven: accepted violations of files.
         extras: components other than FMUs.
@@ -165,7 +162,6 @@ def plan_system(
 
     Args:
         files: FMU files by entry.
-        choice: options of the master.
         beside: components other than FMUs.
         patterns: name patterns of the signals to record; empty for all outputs and all sources of connections.
         when: times and steps; None to determine them by `timing`.
@@ -209,12 +205,7 @@ def _choose_kind(
 
 
 class _Planner:
-    """Planner of a system's FMU components and wires.
-
-    Attributes:
-        ignored: names with values that match no variable of their FMU.
-        forgiven: accepted violations.
-    """
+    """Planner of a system's FMU components and wires."""
 
     def __init__(
         self,

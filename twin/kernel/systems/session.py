@@ -171,8 +171,6 @@ class Cosimulation:
         """Connect "component.output" with "component.input", with unit conversion.
 
         Args:
-            output: source of the value.
-            input: target of the value.
             factor, offset: the input gets factor * value + offset; only between FMUs.
 
         Raises:

@@ -73,7 +73,6 @@ def connection_map(
         hops: conversions on the way.
         end: unit of the target.
         units: unit definitions of the structure, for connectors of systems on the way.
-        where: prefix of error messages.
     """
     found, here, hops = AffineMap(), start, list(hops)
     for count, (transformation, suppressed, unit) in enumerate(hops, start=1):

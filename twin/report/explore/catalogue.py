@@ -64,9 +64,6 @@ class Slider:
         help: meaning, one phrase.
         value: value in the experiment's file; None if missing.
         default: default value; None without one.
-        low: lower end of the slider.
-        high: upper end of the slider.
-        log: whether the slider is logarithmic.
         choices: values of a choice.
         first: position among the keys shown before any search; None for the others.
     """

@@ -45,7 +45,6 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], label: str) -> Mar
     """Return an HTML table that scrolls in its own box on narrow screens; the first cell of each row is its heading.
 
     Args:
-        head: titles of the columns.
         rows: cells, one per column.
         label: description for screen readers.
     """

@@ -33,7 +33,6 @@ class PanelRun:
     """A run and the values of its experiment, as input of panels and player.
 
     Attributes:
-        view: the run.
         values: checked values of the experiment, keys with units.
         fields: fields of the signals that have samples.
         used: signals that were read.

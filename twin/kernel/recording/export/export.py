@@ -33,7 +33,6 @@ class ExportResult:
 
     Attributes:
         path: the file, or the folder of a bag.
-        signals: number of signals.
         rows: number of rows of the longest signal; of a bag, the number of messages.
         note: defects of the recording; empty if it is complete.
     """
@@ -61,7 +60,6 @@ def export_recording(
         patterns: see `selected_signals`.
         rate: rows per second (Hz), see `signal_table`.
         out: path to write; None for the recording's own path with the format's suffix.
-        force: replace an existing file.
         maps: column maps of a log that twin did not record, see `column_map`.
         joints: fields that a bag stores as JointState.
     """

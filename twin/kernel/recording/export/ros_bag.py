@@ -88,7 +88,6 @@ class RosTopic:
 
     Attributes:
         name: topic name: `/arm/tip`.
-        kind: message type.
         source: topic of the recording.
         body: one message as CDR, with zeros for numbers and times.
         places: (offset in the body, field, element) of each number.

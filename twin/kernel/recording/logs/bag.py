@@ -162,12 +162,6 @@ class BagDatabase:
 
     SQLite files can contain code: views, virtual tables and generated columns are computed by the reader, to any size
     and for any time. Pages may also refer to each other so that few of them contain any number of rows.
-
-    Args:
-        file: name in error messages.
-
-    Attributes:
-        has_definitions: whether the definitions table exists.
     """
 
     def __init__(self, bag: sqlite3.Connection, file: Path, size: int):

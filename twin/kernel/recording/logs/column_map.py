@@ -92,8 +92,6 @@ def refuse_unit(where: str, name: str, got: str, wanted: str, column: str = "COL
     """Reject a signal whose unit differs from the wanted unit.
 
     Args:
-        where: begins the error message.
-        name: the signal.
         got, wanted: SI units.
         column: column for the proposed entry of a map.
 

@@ -46,7 +46,6 @@ class WrongFields:
     """Fields of one CSV column that are not finite numbers.
 
     Attributes:
-        count: number of these fields.
         line, text: the first field with text other than `INVALID_TEXT`, else the first field.
         empty: number of empty fields.
         invalid: line of each field with NaN, infinity or `INVALID_TEXT`.
@@ -82,13 +81,11 @@ class CsvTable:
     """Table of numbers read from a CSV file.
 
     Attributes:
-        path: the file.
         comments: lines before the head, without #.
         head: names of the columns.
         values: numbers (rows, columns); NaN for other fields.
         wrong: wrong fields by position of the column.
         lines: line number of each row, from 1.
-        notes: notes on missing data.
     """
 
     path: Path

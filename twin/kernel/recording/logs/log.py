@@ -38,7 +38,6 @@ class MappedColumn:
     """Column of a foreign file that a signal is read from: value in SI = sign * value in `unit`.
 
     Attributes:
-        name: name of the column.
         unit: unit as the user wrote it; empty if the column's name contains it.
         sign: 1 or -1.
         text: name, unit and sign as one text, if written so: a column may have that very name.
@@ -129,13 +128,7 @@ class LogSeries:
 
 
 def refuse_invalid(path: Path | str, name: str, invalid: int, samples: int) -> None:
-    """Reject a needed signal with too large a share of invalid samples.
-
-    Args:
-        path: log.
-        name: signal.
-        invalid, samples: number of invalid samples, and of all.
-    """
+    """Reject a needed signal with too large a share of invalid samples."""
     if invalid > MAX_INVALID_SHARE * samples:
         raise LogError(
             f"{path}: {invalid} of {samples} samples of {name} are NaN, null or infinite, expected at most "
@@ -177,7 +170,6 @@ class Log:
     """Log in memory with access by signal: `log["arm.force"]`, `log.vector("arm.tip")`.
 
     Attributes:
-        path: the file.
         series: scalar series by name; a component of a vector is `arm.tip[2]`.
         notes: sentences on missing data: missing samples, a truncated end.
         comments: lines of the file's head that start with #, without it.

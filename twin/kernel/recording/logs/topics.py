@@ -50,7 +50,6 @@ class LoggedTopic:
     """Recorded messages of one topic.
 
     Attributes:
-        channel, schema: channel and schema of an MCAP file.
         times: log times (ns), in the order of the file.
         data: bytes of the messages; empty if no column is of this topic.
     """
@@ -105,10 +104,8 @@ def log_from_topics(
     """Create a log of the series that the mapped `columns` select from `topics`.
 
     Args:
-        path: path of the log.
         columns: columns by signal, `/TOPIC.FIELD.FIELD[INDEX]`. `time` is a field of the mapped messages; without it
             log times are used.
-        notes: notes on missing data.
 
     Raises:
         LogError: no map, missing topics or fields, unsupported encodings, values that are not finite, times that do not
@@ -362,7 +359,6 @@ def clock_note(name: str, logged: NDArray[np.float64], stamps: NDArray[np.float6
     """Create the note that a topic's stamps are of another clock than the log's; empty for the same clock.
 
     Args:
-        name: name of the topic.
         logged: log times in the order of the log, s, (n,).
         stamps: stamps of the messages, s, (n,).
         by_stamp: whether stamps are used as times.
