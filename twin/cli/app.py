@@ -40,7 +40,6 @@ class StudyCommand(click.Command):
 
     @cached_property
     def function(self) -> Callable[..., Any]:
-        """The Python function of the command's study, imported on first use."""
         found: Callable[..., Any] = getattr(import_module(self._text.module), self._text.function)
         return found
 

@@ -31,7 +31,6 @@ from twin.studies.command import (
 )
 
 NoteListener = Callable[[dict[str, Any]], None]
-"""Callback for a note of a job."""
 RECORD_JOB = "twin.studies.command:answer_recording"
 LIMIT_OPTIONS = ("limit_step", "limit_wall")
 """Options with the limits of a process, in the order of `JobLimits`."""

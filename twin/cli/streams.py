@@ -120,7 +120,6 @@ class EscapingTerminal(_Stream):
     """Wrapper of a terminal's output that escapes control characters: `\x07` instead of a bell."""
 
     def write(self, text: str) -> int:
-        """Write text to the terminal with control characters escaped."""
         return self._stream.write(_CONTROL_CHARACTERS.sub(lambda found: repr(found[0])[1:-1], text))
 
 

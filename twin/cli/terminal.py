@@ -228,7 +228,6 @@ class CompileWatch:
         self._thread = threading.Thread(target=self._look, daemon=True)
 
     def start(self) -> None:
-        """Start watching the cache of compiled code."""
         self._thread.start()
 
     def end(self) -> None:
@@ -315,7 +314,6 @@ class TerminalDisplay:
             self._progress.begin(self._name, note["duration"])
 
     def clear(self) -> None:
-        """Erase the progress line for other output."""
         self._watch.end()
         self._progress.clear()
 

@@ -118,7 +118,6 @@ def read_toml(path: Path, kind: str = "file") -> dict[str, Any]:
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
-    """Parse `text` as TOML."""
     # the parser's time grows with the square of the number of a key's parts, which may be quoted and separated by
     # blanks
     bare = _TOML_TOKEN.sub(lambda token: "" if token[0].isspace() or token[0].startswith("#") else "_", text)
@@ -128,12 +127,10 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
 
 
 def read_json(path: Path, limit: int = MAX_TEXT_BYTES) -> Any:
-    """Read the value in the JSON file at `path`."""
     return parse_json(read_text(path, limit), str(path))
 
 
 def parse_json(text: str | bytes, where: str) -> Any:
-    """Parse `text` as JSON."""
     return _parse("JSON", json.loads, text, where)
 
 

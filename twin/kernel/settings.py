@@ -149,7 +149,6 @@ class FieldSource(NamedTuple):
 
     @property
     def setting(self) -> Setting:
-        """Declaration of the setting that the record's number comes from."""
         return self.table.settings[self.name]
 
     @property

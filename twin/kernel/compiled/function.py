@@ -55,7 +55,6 @@ class LazyObject(NumbaObject):
 
     @cached_property
     def numba_object(self) -> Any:  # type: ignore[override]
-        """The numba object behind the placeholder, created on first access."""
         made = self._make()
         # the access may happen while numba compiles a calling function
         refresh()

@@ -29,7 +29,6 @@ EXCEPTION_STATUS = -1
 PROCESSOR_VARIABLE = "TWIN_PROCESSOR"
 """Environment variable that selects a form of X86_64 instead of the most capable one that this processor can run."""
 BASELINE_CPU = "x86-64"
-"""Baseline processor of the x86-64 architecture for LLVM."""
 _loaded: set[str] = set()
 """Names of the functions whose object files are loaded in this process."""
 
@@ -166,7 +165,6 @@ def target_machine(form: ProcessorForm) -> Any:
 
 
 def object_name(name: str, form: ProcessorForm) -> str:
-    """Return the file name of the object file of a compiled function for a processor form."""
     return f"{name}{form.suffix}{store.OBJECT_SUFFIX}"
 
 

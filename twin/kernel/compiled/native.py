@@ -86,7 +86,6 @@ class Native:
 
     @property
     def signature(self) -> Any:
-        """Numba signature of the function: types of its result and arguments."""
         return _numba_type(self.returns)(*map(_numba_type, self.takes))
 
     @cached_property

@@ -42,7 +42,6 @@ class Histogram:
 
     @property
     def count(self) -> int:
-        """Number of durations in the histogram."""
         return int(self.bins.sum())
 
     def counts_below(self, bounds: Sequence[float]) -> list[int]:

@@ -43,7 +43,6 @@ MEMBER_RECORD = record(
     y_size="i8",
     finite="i8",
 )
-"""Member data of the loop: addresses and sizes."""
 LOOP_MEMORY = record(
     members="i8",
     count="i8",

@@ -302,7 +302,6 @@ def declared_ports(
 
 
 def make_instance(label: str, kind: type, parameters: Mapping[str, Any]) -> Any:
-    """Create an instance of the Python class `kind` with `parameters`."""
     try:
         known = list(inspect.signature(kind).parameters)
     except ValueError:

@@ -205,13 +205,11 @@ class StatePlaces:
         return SystemState(self, tick, self._memory.save(), [holder.save_state() for *_, holder in self._holders])
 
     def restore_state(self, state: SystemState) -> None:
-        """Restore a state of the system that was saved here."""
         for (*_, holder), token in zip(self._holders, state.tokens, strict=True):
             holder.restore_state(token)
         self._memory.restore(state.memory)
 
     def free(self, tokens: Sequence[Any]) -> None:
-        """Free the saved states that the tokens of all holders identify."""
         for (*_, holder), token in zip(self._holders, tokens, strict=False):
             holder.free(token)
 

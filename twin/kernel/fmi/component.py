@@ -82,7 +82,6 @@ class FmuStates:
         return self._register(self._instance.deserialize_state(content))
 
     def close(self) -> None:
-        """Free all saved states of the FMU."""
         for token in list(self._tokens):
             self.free(token)
 

@@ -82,7 +82,6 @@ DISCARD_RECORD = record(
     discarded=state("i8"),  # number of discarded steps
     since=state("f8"),  # time of the first one (s)
 )
-"""Memory for the continuation of discarded steps."""
 
 LAST_SUCCESSFUL_TIME, TERMINATED_KIND = 2, 3
 """Values of fmi2StatusKind, and of fmiStatusKind for the first."""

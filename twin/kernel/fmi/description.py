@@ -209,7 +209,6 @@ class FmuDescription:
 
     @property
     def needs_tool(self) -> bool:
-        """Whether the FMU needs its authoring tool: the attribute needsExecutionTool is true."""
         return bool(self.interface.needsExecutionTool)
 
     @property

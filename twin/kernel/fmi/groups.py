@@ -26,7 +26,6 @@ _ARGUMENT_TYPES = {
     "int": ("int64", "i32"),
     "byte": ("int64", "i8"),
 }
-"""Names of argument types in numba and LLVM."""
 INVALID_STATUS, STATUS_WIDTH = 15, 16
 """Code of an integer outside the statuses of every FMI version, and the bit at which that integer is stored."""
 SET_FAILED, DO_STEP_FAILED, GET_FAILED, TERMINATE_REQUEST, SAVE_FAILED, RESTORE_FAILED = 16, 32, 48, 64, 80, 96
@@ -60,7 +59,6 @@ STATUS_NAMES = {2: "Discard", 3: "Error", 4: "Fatal", PENDING_STATUS: "Pending"}
 MAX_HALVINGS = 10
 """Maximum number of successive halvings of a step without progress; beyond it, the FMU is stuck."""
 MAX_PARTS = 10_000
-"""Maximum number of parts of a step."""
 MAX_STALLS = 100
 """Maximum number of events and early returns at one time."""
 MAX_UPDATES = 1000

@@ -114,7 +114,6 @@ class Instance:
         return sum(1 << n for n, reference in enumerate(self.clocks["reference"]) if reference in variable.clocks)
 
     def clock_name(self, index: int) -> str:
-        """Return the name of the FMU's clock number `index` in `clocks`."""
         return next((clock.name for clock in clocks(self.description)[index : index + 1]), "?")
 
     @property
@@ -172,7 +171,6 @@ class Instance:
         self._enter_mode(self.standard.leave)
 
     def reset(self) -> None:
-        """Reset the FMU instance by FMI's function and initialise it again."""
         self._call("Reset", self.fmu.reset)
         self._initialise()
 
@@ -201,7 +199,6 @@ class Instance:
         return [self.messages, self._pending_messages]
 
     def restore_messages(self, state: Any) -> None:
-        """Restore the record of the FMU's messages from a result of `message_state`."""
         self.messages, self._pending_messages = list(state[0]), [(int(tick), str(text)) for tick, text in state[1]]
 
     def pop_messages(self) -> list[tuple[int, str]]:

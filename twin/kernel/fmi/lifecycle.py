@@ -240,12 +240,10 @@ class Fmi2:
             instance.fmu.instantiate(callbacks=callbacks, loggingOn=False)
 
     def refusal_reason(self, instance: Instance) -> str:
-        """Return a possible reason why the FMU refused to be instantiated."""
         guid = instance.description.model.guid
         return f"the GUID {guid} in modelDescription.xml may not be the binary's own: export it again"
 
     def initialise(self, instance: Instance) -> None:
-        """Initialise the FMU and enter step mode."""
         self.enter(instance)
         self.leave(instance)
 
@@ -270,11 +268,9 @@ class Fmi2:
         return "Integer" if variable.type == "Enumeration" else variable.type
 
     def values(self, fmu: Any, variable: Variable) -> Any:
-        """Read the values of an FMU variable in its own unit, an array flattened."""
         return getattr(fmu, f"get{self.type_name(variable)}")([variable.reference])
 
     def free(self, instance: Instance) -> None:
-        """Free an FMU instance and its library."""
         with instance.calling("FreeInstance"):
             instance.fmu.freeInstance()
 

@@ -116,7 +116,6 @@ class Stepping:
         return "FMUstate" if self.instance.description.version == 2 else "FMUState"
 
     def explain(self, status: int) -> str:
-        """Describe a failure status of an FMU's step, as a verb phrase for an error message."""
         instance, note = self.instance, self.instance.note[0]
         message = f" ('{instance.messages[-1]}')" if instance.messages else ""
         if status == groups.INPUT_OUT_OF_RANGE:
@@ -193,7 +192,6 @@ class Stepping:
 
     @property
     def changing_arrays(self) -> list[np.ndarray]:
-        """Arrays that steps change outside the FMU's own state."""
         return [*self._moving, *self.instance.schedule]
 
     def pieces(self) -> dict[str, np.ndarray]:

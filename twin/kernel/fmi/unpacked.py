@@ -258,7 +258,6 @@ def compiler_command(wanted: Path, plus: bool = False) -> list[str]:
 
 
 def zig_command() -> list[str]:
-    """Return the command that runs the C compiler of the package ziglang."""
     # -P: do not import modules from the folder in which it runs
     return [sys.executable, "-P", "-m", ZIG_PACKAGE]
 

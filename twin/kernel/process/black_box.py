@@ -187,7 +187,6 @@ class JobAccount:
         return self.stepped.components[component] if self.stepped and component >= 0 else None
 
     def is_busy(self, box: BlackBox) -> bool:
-        """Whether a call into a component is running."""
         return box.call() is not None or self.stepping(box) is not None
 
 

@@ -86,7 +86,6 @@ class GuardedProcess:
         self.close()
 
     def close(self) -> None:
-        """End the guarded process and release its pipes and black box."""
         self.end()
         self._selector.close()
         for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
@@ -102,7 +101,6 @@ class GuardedProcess:
 
     @property
     def processor_time(self) -> float:
-        """Processor time of the guarded process (s); infinity where the system does not report it."""
         return processor_time(self.pid)
 
     @property
@@ -122,7 +120,6 @@ class GuardedProcess:
 
     @property
     def memory(self) -> int:
-        """Resident memory of the guarded process (bytes); 0 where the system does not report it."""
         return resident_memory(self.pid)
 
     @property

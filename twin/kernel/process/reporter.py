@@ -102,7 +102,6 @@ class PipeReporter:
         self.announcer = Announcer(box)
 
     def report(self, kind: str, content: Any) -> None:
-        """Send one report to the supervisor, as a line of JSON."""
         self._pipe.write(json.dumps({kind: content}) + "\n")
         self._pipe.flush()
 

@@ -279,7 +279,6 @@ class StoredState:
 
     @property
     def saved_state(self) -> SavedState:
-        """The saved state of the system, decoded from `content`."""
         return SavedState.from_bytes(self.content, str(self.recording))
 
 

@@ -119,7 +119,6 @@ class Output:
 
     @property
     def closed(self) -> bool:
-        """Whether the file is closed, so that nothing can be appended."""
         return self._file is None
 
     def append(self, data: bytes | Iterable[bytes]) -> int:

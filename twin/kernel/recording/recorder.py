@@ -149,7 +149,6 @@ class Recorder(EventLog):
         self.writing += time.perf_counter() - began
 
     def finish(self) -> Path:
-        """Finish the recording of the run and return its path."""
         began = time.perf_counter()
         recording = self._writer.finish()
         self.writing += time.perf_counter() - began

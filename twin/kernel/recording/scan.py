@@ -42,7 +42,6 @@ from twin.kernel.recording.messages import (
 from twin.kernel.recording.summary import decompress_chunk, encode_record, unpack_allowance
 
 PLACE_COLUMN, OPCODE_COLUMN, LENGTH_COLUMN, CHANNEL_COLUMN, SEQUENCE_COLUMN = range(5)
-"""Columns of a table of records."""
 LENGTH_AT, CHANNEL_AT = HEAD_OFFSETS[1:3]
 MESSAGE_FRONT = HEAD_SIZE - RECORD_PREFIX
 """Bytes of channel, sequence number and two times, the minimum length of a message."""

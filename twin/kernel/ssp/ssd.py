@@ -41,7 +41,6 @@ def parameter_set(content: bytes, where: str, source: str = "") -> ssp.Parameter
 
 
 def parameter_set_of(root: ET.Element, where: str, source: str = "") -> ssp.ParameterSet:
-    """Read an SSP parameter set from its XML element."""
     if ssp.local_name(root) != "ParameterSet":
         raise InputRefused(f"{where}: <{ssp.local_name(root)}>; expected <ParameterSet>, an SSV file")
     found = grouped_children(root, "Parameters", "Parameter")
@@ -68,7 +67,6 @@ def parameter_set_of(root: ET.Element, where: str, source: str = "") -> ssp.Para
 
 
 def mapping_of(root: ET.Element, where: str, source: str = "") -> ssp.ParameterMapping:
-    """Read an SSP parameter mapping from its XML element."""
     if ssp.local_name(root) != "ParameterMapping":
         raise InputRefused(f"{where}: <{ssp.local_name(root)}>; expected <ParameterMapping>, an SSM file")
     found = child_elements(root, "MappingEntry")

@@ -36,7 +36,6 @@ MAX_POWER = 100
 MAX_PARSE_TIME = 30.0
 """Maximum processor time to read a structure, and again to flatten it (s). The largest permitted file takes a tenth."""
 STRUCTURE_FILE = "SystemStructure.ssd"
-"""Name of the structure file in an SSP archive."""
 FMU_TYPE = "application/x-fmu-sharedlibrary"
 TABLE_TYPE = "application/table"
 """MIME type of OMSimulator components that are tables of values over time."""
@@ -98,7 +97,6 @@ class Transformation:
 
 
 IDENTITY_TRANSFORMATION = Transformation()
-"""Transformation that leaves values unchanged."""
 
 
 @dataclass(frozen=True)
@@ -223,7 +221,6 @@ def required_attribute(element: ET.Element, attribute: str, where: str) -> str:
 
 
 def require_unique(names: Iterable[str], what: str, where: str) -> None:
-    """Refuse repeated names in a list."""
     seen: set[str] = set()
     for name in names:
         if name in seen:
@@ -238,7 +235,6 @@ def number_attribute(element: ET.Element, attribute: str, where: str, default: f
 
 
 def parse_finite(text: str, where: str) -> float:
-    """Convert text to a number; refuse text that is not a finite number."""
     try:
         value = float(text)
     except ValueError:
@@ -257,7 +253,6 @@ def boolean_attribute(element: ET.Element, attribute: str, where: str) -> bool:
 
 
 def metadata_of(root: ET.Element) -> Metadata:
-    """Return the metadata in the attributes of an SSP file's root element."""
     return Metadata(*(root.get(name, "") for name in METADATA_ATTRIBUTES))
 
 
@@ -270,7 +265,6 @@ def annotations_of(element: ET.Element) -> tuple[Annotation, ...]:
 
 
 def units_of(root: ET.Element, where: str) -> tuple[UnitDefinition, ...]:
-    """Return the unit definitions of an SSP file."""
     found = []
     for unit in grouped_children(root, "Units", "Unit"):
         name = required_attribute(unit, "name", where)
@@ -291,7 +285,6 @@ def units_of(root: ET.Element, where: str) -> tuple[UnitDefinition, ...]:
 
 
 def transformation_of(element: ET.Element, where: str) -> Transformation:
-    """Return the transformation of an SSP connection or mapping entry."""
     for child in element:
         if local_name(child) == "LinearTransformation":
             return Transformation(
@@ -345,7 +338,6 @@ class SspComponent:
 
     @cached_property
     def connector_of(self) -> dict[str, Connector]:
-        """Declared connectors of the component by name."""
         return {one.name: one for one in self.connectors}
 
 
@@ -389,12 +381,10 @@ class SspSystem:
 
     @cached_property
     def connector_of(self) -> dict[str, Connector]:
-        """Own connectors of the system by name."""
         return {one.name: one for one in self.connectors}
 
     @cached_property
     def element_of(self) -> dict[str, "SspComponent | SspSystem"]:
-        """Elements of the system (components and nested systems) by name."""
         return {one.name: one for one in self.elements}
 
     @cached_property

@@ -43,7 +43,6 @@ class MasterChoice:
 
     @property
     def method(self) -> Method:
-        """Integration method of the solver for model exchange."""
         return self.solver or "cvode"
 
     def refuse_unknown(self, components: Iterable[str], where: str) -> None:

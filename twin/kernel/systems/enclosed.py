@@ -88,7 +88,6 @@ class EnclosedSystem:
         return tuple((".".join(lead.start), ".".join(lead.end)) for lead in self._flat.leads)
 
     def folder(self, part: str) -> Path:
-        """Return the folder of the unpacked FMU of an inner component."""
         return self._folders[self.descriptions[part].sha256]
 
     def variables_of(self, causality: str) -> list[Variable]:

@@ -54,7 +54,6 @@ class SystemExtras:
     spans: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def __add__(self, other: "SystemExtras") -> "SystemExtras":
-        """Combine the components and connections of two additions to a system."""
         return SystemExtras(
             self.components + other.components,
             self.feeds + other.feeds,

@@ -42,7 +42,6 @@ UNSUPPORTED_ELEMENTS = {
     "VariableGroupConnection": "a connection of groups, which other files define",
     "SignalGroupConnection": "a connection of groups, which other files define",
 }
-"""Unsupported elements and their descriptions."""
 
 
 def osp_system(file: Path) -> Package:

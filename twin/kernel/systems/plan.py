@@ -44,7 +44,6 @@ IMPLEMENTATION_KINDS: Mapping[str, Kind | None] = {
     "CoSimulation": "co_simulation",
     "ModelExchange": "model_exchange",
 }
-"""Kind of FMU by its name in an SSP structure."""
 SETTABLE_CAUSALITIES = ("parameter", "structuralParameter", "input")
 STARTING_INITIALS = ("exact", "approx")
 """Variables that can be set before a run: these causalities, or an own start value (SSP 1.0, 5.3.5)."""

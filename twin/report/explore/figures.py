@@ -26,7 +26,6 @@ from twin.studies.sweep.claims import COMPANION_SETTING, require_fig4_claims
 Figure = Literal["fig4", "fig5"]
 FORCE_CONTROL = 'controller.mode="force_position"'
 FIG5_SIGNALS = (*FIG5_SERIES, "monitor.tripped")
-"""Signals that the claims of Fig. 5 need."""
 
 
 def figure_of(experiment: Experiment) -> Figure | None:

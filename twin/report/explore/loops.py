@@ -16,7 +16,6 @@ from twin.studies.analyse.operating_point import operating_points
 from twin.studies.analyse.text import decibels, loop_name, point_name
 
 CURVE_FREQUENCIES = 400
-"""Number of frequencies of a curve."""
 HZ_PER_RAD_S = 1.0 / (2.0 * np.pi)
 
 

@@ -27,9 +27,7 @@ from twin.robot.experiment.source import Source, apply_overrides, key_names, tom
 from twin.robot.paths import locate_file
 
 MAX_FAULTS = 8
-"""Maximum number of faults of one state."""
 MAX_KEYS = 200
-"""Maximum number of changed keys of one state."""
 SAVED_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 FAULT_BY_FIELD = {"k_s_share": "spring_softened", "slip": "belt_slip"}
 """Parameters of one joint, which no key sets -> kind of a fault from the start that sets them."""
@@ -103,7 +101,6 @@ class PageState:
         return [*self.base.settings, *texts]
 
     def load(self) -> Experiment:
-        """Load the experiment with all changes of the page."""
         return load_experiment(self.base.experiment, self.settings, self.drive, self.body)
 
     @property

@@ -33,7 +33,6 @@ INITIAL_PANELS = (
     "Pressing force F_z", "Height z", "Correction of the force loop", "Force along x, y on the surface",
     "Joint torque tau_l", "Motor speed",
 )  # fmt: skip
-"""Titles of the panels that are shown by default."""
 MAX_POSES = 600
 """Maximum number of poses of the robot; the player interpolates between them."""
 TILE_MEASURES = (

@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 MAX_MESSAGE_BYTES = 2**16
 """Maximum size of a page's message (bytes)."""
 MAX_PAGES = 16
-"""Maximum number of open pages."""
 MAX_WAITING = 64
 """Maximum number of waiting requests of one page; at most one of each kind."""
 ROBOT_INTERVAL = 0.2

@@ -48,7 +48,6 @@ FORCE_CURVES = {"/estimator": "robot, by its counts", "/plant": "twin", "/scale"
 """Topic -> label of its pressing force in the strip."""
 EVENTS_TOPIC, ALARM_TOPIC = "/events", "/alarm"
 MAX_EVENTS = 3
-"""Maximum number of events that are shown."""
 TOKEN_REMEDY = "Start twin explore again with the whole address that twin shadow has printed."
 
 PROTOCOL_ERRORS = (

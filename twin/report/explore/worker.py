@@ -63,9 +63,7 @@ MAX_TICKS = 400_000
 Layout = Literal["", "fig4"]
 """Figure of the paper that replaces the panels: Fig. 4 in the paper's layout; "" without one."""
 MAX_RUNS = 100
-"""Maximum number of runs of results/ in a list."""
 NO_MONITOR = "no monitor here"
-"""Reason for a missing number of the safety monitor."""
 _viewed_signals: dict[tuple[object, ...], frozenset[str]] = {}
 """Form of a view request -> signals that its last run needed; the next run with this form keeps only these."""
 
@@ -318,4 +316,3 @@ REQUEST_HANDLERS: Mapping[str, Callable[[PageBase, Mapping[str, Any]], dict[str,
     "loops": _loops,
     "score": _score,
 }
-"""Operation -> function that answers it."""

@@ -331,7 +331,6 @@ def curves(
 
 
 def panel_facts(panel: Panel, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return a panel's title, unit and `rows` for the page."""
     return {"title": panel.title, "unit": "" if panel.unit == "1" else panel.unit, "rows": rows}
 
 

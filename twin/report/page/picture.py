@@ -34,7 +34,6 @@ FIG4_SERIES = (
 )  # fmt: skip
 """Series that a run in the layout of Fig. 4 needs."""
 MAX_MAGNIFICATION = 2.0
-"""Maximum magnification of a picture on the page."""
 ROLE_STYLES = {
     "shifted": {"color": FP_REFERENCE, "lw": 1.2}, "reference": {"color": PRE_DEFINE, "lw": WIDE_LINE},
     "belief": {"color": FP_BASED, "lw": WIDE_LINE}, "truth": TRUE_STYLE,

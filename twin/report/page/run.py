@@ -112,7 +112,6 @@ class ReportRun(PanelRun):
 
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 of the recording's file, as hex."""
         with self.recording.path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -145,7 +144,6 @@ class ReportRun(PanelRun):
 
     @cached_property
     def measures(self) -> list[RunMeasure]:
-        """All measures of the run, see the function `measures`."""
         return measures(self)
 
     @property

@@ -237,7 +237,6 @@ def _source(run: ReportRun) -> str:
 
 
 def boxes(run: ReportRun) -> Markup:
-    """Return the boxes with the key numbers of a session for its page."""
     facts, found = session_facts(run), []
     if joints := [one.rms for _, _, one in _residuals(run, RESIDUAL_TABLE[:1])]:
         found.append((f"{max(joints):.3g} deg", "joints off, rms, the worst"))

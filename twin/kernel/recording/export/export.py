@@ -24,7 +24,6 @@ from twin.kernel.recording.scan import NS_PER_S
 
 Format = Literal["csv", "parquet", "mat", "ros2"]
 MAX_LISTED_TOPICS = 8
-"""Maximum number of topic names listed in an error message."""
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,6 @@ MAX_DEFINITIONS = 200
 DEFINITIONS_TABLE = "message_definitions"
 """Table with message definitions, since ROS 2 Iron."""
 BAG_TABLES = ("topics", "messages", DEFINITIONS_TABLE)
-"""Tables that are read."""
 MAX_STEPS_PER_BYTE = 4
 """Maximum steps of SQLite's virtual machine per byte of a file in one query; a message needs 30 and has 9 bytes."""
 MIN_ROW_BYTES = 8

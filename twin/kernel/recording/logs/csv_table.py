@@ -65,7 +65,6 @@ class WrongFields:
         return self.count - self.empty - len(self.invalid)
 
     def add(self, line: int, text: str) -> None:
-        """Count a field of the column as wrong."""
         empty, invalid = not text, INVALID_TEXT.fullmatch(text) is not None or _is_float(text)
         if not self.count or not (empty or invalid or self.texts):
             self.line, self.text = line, text
@@ -97,7 +96,6 @@ class CsvTable:
     notes: tuple[str, ...] = ()
 
     def column(self, name: str) -> NDArray[np.float64]:
-        """Return the numbers of the CSV column `name`."""
         if self.head.count(name) > 1:
             raise LogError(f"{self.path}: two columns are named '{name}'; expected different names")
         return self.values[:, self.head.index(name)]
@@ -118,7 +116,6 @@ class CsvTable:
 
 
 def read_table(path: Path) -> CsvTable:
-    """Read a CSV file as a table."""
     with open_regular(path, MAX_FILE_BYTES) as file:
         return parse_table(path, file)
 

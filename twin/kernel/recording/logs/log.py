@@ -117,7 +117,6 @@ class LogSeries:
 
     @cached_property
     def sampling(self) -> Sampling:
-        """Sampling of the series, with its missing samples; n >= 2."""
         return sampling(self.t)
 
     def clip(self, start: float, end: float) -> "LogSeries":

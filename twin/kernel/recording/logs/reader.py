@@ -23,7 +23,6 @@ from twin.kernel.recording.reader import Recording, read
 WALL_CLOCK = 1e8
 """Minimum time of a wall clock (s since 1970); a log's own time is below three years."""
 MAX_NAMED_BAGS = 5
-"""Maximum number of bags in an error message."""
 
 
 def read_log(
