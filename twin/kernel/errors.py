@@ -26,10 +26,7 @@ class InputRefused(TwinError):
 
 
 class NotWritten(TwinError):
-    """Error that a file cannot be written: read-only folder, full disk. The previous file is unchanged.
-
-    The previous file is unchanged.
-    """
+    """Error that a file cannot be written: read-only folder, full disk. The previous file is unchanged."""
 
     exit_code = 3
 

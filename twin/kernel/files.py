@@ -126,8 +126,8 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
     return _parse("TOML", tomllib.loads, text, where)
 
 
-def read_json(path: Path, limit: int = MAX_TEXT_BYTES) -> Any:
-    return parse_json(read_text(path, limit), str(path))
+def read_json(path: Path) -> Any:
+    return parse_json(read_text(path), str(path))
 
 
 def parse_json(text: str | bytes, where: str) -> Any:

@@ -92,25 +92,13 @@ class Rewind:
     keep: Any = field(default=None, repr=False)
 
 
-@njit(cache=True)
-def save_pieces(table, count):
-    """Copy `count` pieces of a component's memory to their saved copies; both are listed in a `PIECE_RECORD` table."""
-    pieces = carray(pieces_at(table), count)
-    for i in range(count):
-        copy(pieces[i].copy, pieces[i].array, pieces[i].size)
-
-
-@njit(cache=True)
-def restore_pieces(table, count):
-    """Copy `count` pieces of a component's memory back from saved copies; both are listed in a `PIECE_RECORD` table."""
-    pieces = carray(pieces_at(table), count)
-    for i in range(count):
-        copy(pieces[i].array, pieces[i].copy, pieces[i].size)
-
-
 @entry("nothing", "int", "int", "int", "int", at_once=True)
 def copy_pieces(table, count, buffer, back):
-    """Copy pieces of memory, listed in a `PIECE_RECORD` table, to `buffer`, or from it if `back` is set."""
+    """Copy pieces of memory, listed in a `PIECE_RECORD` table, to their copies, or from them if `back` is set.
+
+    Args:
+        buffer: address that the addresses of the copies are counted from; 0 if they are addresses of memory.
+    """
     pieces = carray(pieces_at(table), count)
     for i in range(count):
         if back:
@@ -121,13 +109,13 @@ def copy_pieces(table, count, buffer, back):
 
 @step_function(_PIECES_RECORD)
 def _save(m, t, h, u, y):
-    save_pieces(m.table, m.count)
+    copy_pieces(m.table, m.count, 0, 0)
     return 0
 
 
 @step_function(_PIECES_RECORD)
 def _restore(m, t, h, u, y):
-    restore_pieces(m.table, m.count)
+    copy_pieces(m.table, m.count, 0, 1)
     return 0
 
 

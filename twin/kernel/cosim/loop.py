@@ -104,7 +104,7 @@ def _check_member(m, c, part, status):
 def _run_pass(m, t, h):
     """Step all members of an algebraic loop once at the present iterate z, and store the residual g(z) - z.
 
-    Return False if a member failed. Return False if a member failed.
+    Return False if a member failed.
     """
     members = carray(_members_at(m.members), m.count)
     m.passes += 1

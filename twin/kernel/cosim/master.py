@@ -16,28 +16,12 @@ import numpy as np
 from twin.kernel.compiled.function import carray, copy, njit, pointer_to
 from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.component import NOT_FINITE, call_step, clock_cycles, doubles_at, integers_at
+from twin.kernel.cosim.port import record
+from twin.kernel.settings import fields_of_form
 
-COMPONENT_RECORD = np.dtype(
-    [
-        ("step", "i8"),
-        ("self", "i8"),
-        ("period", "i8"),
-        ("sources", "i8"),
-        ("weights", "i8"),
-        ("u", "i8"),
-        ("u_size", "i8"),
-        ("valid", "i8"),
-        ("newest", "i8"),
-        ("before", "i8"),
-        ("y_size", "i8"),
-        ("finite", "i8"),
-        ("unread", "i8"),
-        ("cycles", "i8"),
-        ("save", "i8"),
-        ("restore", "i8"),
-        ("rewind", "i8"),
-    ],
-    align=True,
+COMPONENT_RECORD = record(
+    **fields_of_form("i8", "step self period sources weights u u_size valid newest before y_size finite unread cycles"),
+    **fields_of_form("i8", "save restore rewind"),
 )
 """Component data of the loop. Addresses: step function, its memory, the indices into `y` of its inputs, its inputs, and
 the copies of its outputs (only the valid one for a sampled component). Period (ticks), number of inputs and outputs,
@@ -54,25 +38,10 @@ component.
 
 NO_COMPONENT = -1
 """Component number in the mark between slices, when no component is stepping."""
-LOOP_RECORD = np.dtype(
-    [
-        ("table", "i8"),
-        ("components", "i8"),
-        ("sampled", "i8"),
-        ("timed", "i8"),
-        ("iterations", "i8"),
-        ("apart", "i8"),
-        ("dt", "f8"),
-        ("y", "i8"),
-        ("width", "i8"),
-        ("rows", "i8"),
-        ("row_width", "i8"),
-        ("last", "i8"),
-        ("mark", "i8"),
-        ("culprit", "i8"),
-        ("status", "i8"),
-    ],
-    align=True,
+LOOP_RECORD = record(
+    **fields_of_form("i8", "table components sampled timed iterations apart"),
+    dt="f8",
+    **fields_of_form("i8", "y width rows row_width last mark culprit status"),
 )
 """Memory of the loop: address of a `COMPONENT_RECORD` table, number of components, and number `sampled` of the sampled
 ones, which come first; whether to count cycles; number of passes over each step of the continuous components, at least

@@ -319,18 +319,14 @@ def make_instance(label: str, kind: type, parameters: Mapping[str, Any]) -> Any:
 
 def exception_phrase(problem: BaseException | None) -> str:
     """Describe an exception and its origin in a phrase: `raised ValueError: text (my_controller.py, line 12)`."""
-    frames = [
-        f for f in traceback.extract_tb(problem.__traceback__ if problem else None) if not _is_this_file(f.filename)
-    ]
+    here = os.path.abspath(__file__)
+    trace = traceback.extract_tb(problem.__traceback__ if problem else None)
+    frames = [frame for frame in trace if os.path.abspath(frame.filename) != here]
     # the innermost frame may be in a library; the user needs the last line of their own file
     own = [frame for frame in frames if "site-packages" not in frame.filename] or frames
     where = f" ({os.path.basename(own[-1].filename)}, line {own[-1].lineno})" if own else ""
     text = " ".join(str(problem).split())
     return f"raised {type(problem).__name__}{': ' if text else ''}{text[:MAX_EXCEPTION_TEXT]}{where}"
-
-
-def _is_this_file(file: str) -> bool:
-    return os.path.abspath(file) == os.path.abspath(__file__)
 
 
 def _accepts(called: Callable[..., Any], *positional: Any, **named: Any) -> bool:

@@ -76,12 +76,11 @@ def step(m, t, h, u, y):
     return 0
 
 
-def source(name: str, ports: Sequence[Port], signals: Sequence[Signal], start: float = 0.0) -> NativeComponent:
+def source(name: str, ports: Sequence[Port], signals: Sequence[Signal]) -> NativeComponent:
     """Make a component that outputs the value of each of the `signals` at every tick; see `SampledSignal`.
 
     Args:
         ports: outputs of size 1, one per signal.
-        start: start of the run (s).
     """
     channels, keep = np.zeros(len(signals), dtype=CHANNEL_RECORD), []
     for channel, signal in zip(channels, signals, strict=True):
@@ -94,6 +93,6 @@ def source(name: str, ports: Sequence[Port], signals: Sequence[Signal], start: f
         channel["first"], channel["second"], channel["size"] = *(one.ctypes.data for one in parts[:2]), len(parts[0])
         keep += parts
     memory = np.array([(channels.ctypes.data, len(signals))], dtype=SOURCE_MEMORY)
-    initial = np.array([signal.value_at(start) for signal in signals])
+    initial = np.array([signal.value_at(0.0) for signal in signals])
     # the memory never changes, so the component has no state to save
     return NativeComponent(name, (), tuple(ports), True, step, memory, initial, keep=(channels, keep))

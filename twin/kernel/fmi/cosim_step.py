@@ -14,14 +14,7 @@ import numpy as np
 
 from twin.kernel.compiled.function import carray, copy, njit, pointer_to
 from twin.kernel.compiled.native import entry
-from twin.kernel.cosim.component import (
-    address_of,
-    bytes_at,
-    doubles_at,
-    restore_pieces,
-    save_pieces,
-    step_function,
-)
+from twin.kernel.cosim.component import address_of, bytes_at, copy_pieces, doubles_at, step_function
 from twin.kernel.cosim.port import record, state
 from twin.kernel.fmi.groups import (
     DISCARD_STATUS,
@@ -285,14 +278,14 @@ def plain_step(m, t, h, u, y):
 @step_function(STATE_MEMORY)
 def save(m, t, h, u, y):
     status = call_pointer(m.get, (m.instance, m.cell))
-    save_pieces(m.piece_table, m.pieces)
+    copy_pieces(m.piece_table, m.pieces, 0, 0)
     return store_status(m.note, SAVE_FAILED + status) if status > 1 else 0
 
 
 @step_function(STATE_MEMORY)
 def restore(m, t, h, u, y):
     status = call_pointer(m.set, (m.instance, m.state))
-    restore_pieces(m.piece_table, m.pieces)
+    copy_pieces(m.piece_table, m.pieces, 0, 1)
     return store_status(m.note, RESTORE_FAILED + status) if status > 1 else 0
 
 

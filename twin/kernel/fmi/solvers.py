@@ -19,6 +19,7 @@ import numpy as np
 from twin.kernel.compiled.function import carray, copy, njit, pointer_to
 from twin.kernel.compiled.native import Native
 from twin.kernel.cosim.component import address_of, doubles_at
+from twin.kernel.cosim.port import record
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.groups import (
     INVALID_STATUS,
@@ -37,6 +38,7 @@ from twin.kernel.fmi.groups import (
     update_3,
     values_of,
 )
+from twin.kernel.settings import fields_of_form
 
 EXCHANGE_FUNCTIONS = {
     "set_time": "SetTime",
@@ -57,39 +59,13 @@ EXCHANGE_FUNCTIONS_3 = EXCHANGE_FUNCTIONS | {
     "update": "UpdateDiscreteStates",
 }
 """FMI 3.0 function by field of `SOLVER_MEMORY`."""
-_SOLVER_FIELDS = ("cvode", "vector", "absolute", "cv_step", "cv_restart", "cv_stop", "cv_tolerances", "cv_values")
-_ARRAY_FIELDS = (
-    "x",
-    "began",
-    "k_1",
-    "k_2",
-    "k_3",
-    "k_4",
-    "z",
-    "z_before",
-    "scales",
-    "info",
-    "last_inputs",
-    "reached_at",
-)
-_COUNT_FIELDS = ("version", "instance", "note", "states", "size", "indicators", "width", "needs_completed", "final")
-_PORT_FIELDS = ("inputs", "input_groups", "outputs", "output_groups")
-_VARIABLE_FIELDS = ("fresh", "restart", "trouble", "element", "flag")
-
-SOLVER_MEMORY = np.dtype(
-    [
-        (name, "i8")
-        for name in (
-            *EXCHANGE_FUNCTIONS,
-            *_SOLVER_FIELDS,
-            *_ARRAY_FIELDS,
-            *_COUNT_FIELDS,
-            *_PORT_FIELDS,
-            *_VARIABLE_FIELDS,
-        )
-    ]
-    + [(name, "f8") for name in ("tolerance", "longest", "now", "reached", "next_event", "asked")],
-    align=True,
+SOLVER_MEMORY = record(
+    **dict.fromkeys(EXCHANGE_FUNCTIONS, "i8"),
+    **fields_of_form("i8", "cvode vector absolute cv_step cv_restart cv_stop cv_tolerances cv_values"),
+    **fields_of_form("i8", "x began k_1 k_2 k_3 k_4 z z_before scales info last_inputs reached_at"),
+    **fields_of_form("i8", "version instance note states size indicators width needs_completed final"),
+    **fields_of_form("i8", "inputs input_groups outputs output_groups fresh restart trouble element flag"),
+    **fields_of_form("f8", "tolerance longest now reached next_event asked"),
 )
 """Addresses of FMU functions, of CVODE functions (`cvode` is 0 for Runge-Kutta) and of arrays; counts; and
 

@@ -101,7 +101,7 @@ class Announcer:
         self._compiled, self._since = 0, 0
 
     def compiling(self, begins: bool) -> None:
-        """Note in the black box that a compilation begins or ends. Fits `Hooks.compiling`. Fits `Hooks.compiling`."""
+        """Note in the black box that a compilation begins or ends. Fits `Hooks.compiling`."""
         now = time.monotonic_ns()
         if not begins:
             self._compiled += now - self._since

@@ -113,8 +113,6 @@ class PendingMessages:
 class Piece:
     """Consecutive message records that become one chunk. Times are relative to the first of the merged messages.
 
-    Times are relative to the first of the merged messages.
-
     Attributes:
         content: range of its bytes in the merged records.
         start, end: log times of the first and of the last message, ns.

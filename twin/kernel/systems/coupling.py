@@ -275,11 +275,8 @@ class _SolvableLoop:
 
 
 def _can_repeat_step(part: SystemPart) -> bool:
-    return part.description.kind == "model_exchange" or _has_fmu_state(part)
-
-
-def _has_fmu_state(part: SystemPart) -> bool:
-    return bool(getattr(part.description.interface, "canGetAndSetFMUstate", False))
+    description = part.description
+    return description.kind == "model_exchange" or getattr(description.interface, "canGetAndSetFMUstate", False)
 
 
 class _InitialValues:

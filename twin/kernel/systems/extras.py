@@ -54,14 +54,5 @@ class SystemExtras:
     spans: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def __add__(self, other: "SystemExtras") -> "SystemExtras":
-        return SystemExtras(
-            self.components + other.components,
-            self.feeds + other.feeds,
-            self.drains + other.drains,
-            self.wires + other.wires,
-            self.order + other.order,
-            self.signals + other.signals,
-            self.about | other.about,
-            self.ignored + other.ignored,
-            self.spans | other.spans,
-        )
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return SystemExtras(*(one | more if isinstance(one, dict) else one + more for one, more in pairs))

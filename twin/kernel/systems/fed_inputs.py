@@ -52,14 +52,11 @@ class _InputSignal:
     ignored: tuple[str, ...] = ()
 
 
-def input_extras(
-    names: SystemNames, inputs: Sequence[str], settings: Sequence[str], start: float = 0.0
-) -> SystemExtras:
+def input_extras(names: SystemNames, inputs: Sequence[str], settings: Sequence[str]) -> SystemExtras:
     """Make a component of the signals over time that feed inputs, and its connections.
 
     Args:
         inputs, settings: see `Additions`; an input may not be in both.
-        start: start of the run (s).
     """
     fed = [one for text in inputs for one in _input_signals(names, text)]
     if not fed:
@@ -84,7 +81,7 @@ def input_extras(
         if isinstance(one.signal, SampledSignal):
             spans[one.name] = (float(one.signal.t[0]), float(one.signal.t[-1]))
     ignored = tuple(dict.fromkeys(name for one in fed for name in one.ignored))
-    fed_by = source(INPUTS_TOPIC, ports, signals, start)
+    fed_by = source(INPUTS_TOPIC, ports, signals)
     return SystemExtras((fed_by,), tuple(feeds), signals=(INPUTS_TOPIC,), about=about, ignored=ignored, spans=spans)
 
 

@@ -7,7 +7,7 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -114,23 +114,15 @@ def _inline(table: Mapping[str, Any]) -> str:
 
 
 @lru_cache(16)
-def _load_base(experiment: str, settings: tuple[str, ...], drive: str | None, body: str | None) -> Experiment:
-    return load_experiment(experiment, settings, drive, body)
-
-
 def base_experiment(base: PageBase, drive: str | None, body: str | None) -> Experiment:
-    """Load the command line's experiment with another drive and body, otherwise unchanged; cached."""
-    return _load_base(base.experiment, base.settings, drive, body)
+    """Load the command line's experiment with another drive and body, otherwise unchanged."""
+    return load_experiment(base.experiment, base.settings, drive, body)
 
 
 @lru_cache(16)
-def _base_sliders(experiment: str, settings: tuple[str, ...], drive: str | None, body: str | None) -> dict[str, Slider]:
-    return sliders(_load_base(experiment, settings, drive, body))
-
-
 def known_sliders(base: PageBase, drive: str | None, body: str | None) -> dict[str, Slider]:
-    """Return the explorer's sliders for the experiment with a drive and a body; cached."""
-    return _base_sliders(base.experiment, base.settings, drive, body)
+    """Return the explorer's sliders for the experiment with a drive and a body."""
+    return sliders(base_experiment(base, drive, body))
 
 
 def parse_state(base: PageBase, state: Any) -> PageState:
@@ -209,7 +201,7 @@ def _one_of(what: str, name: Any, files: Mapping[str, str]) -> str:
 def first_state(base: PageBase, settings: Sequence[str]) -> tuple[PageBase, dict[str, Any]]:
     """Split the command line's --set options into (base with those without a slider, initial page state)."""
     names = {"drive": base.drive, "body": base.body}
-    there = known_sliders(PageBase(base.experiment), base.drive, base.body)
+    there = known_sliders(replace(base, settings=()), base.drive, base.body)
     rest, changed = [], {}
     for text in settings:
         key, value = _single(text)

@@ -15,7 +15,6 @@ from twin.report.page.panels import (
     PanelRun,
     panel_facts,
     row_facts,
-    scene,
     series,
 )
 from twin.robot.run.measures import ROWS_BY_KEY, RunOutcome
@@ -116,11 +115,6 @@ def extremes(values: Curve, width: int) -> Curve:
     found = np.empty(2 * math.ceil(len(y) / width))
     _extremes(y, len(y), width, found)
     return found
-
-
-def poses(run: PanelRun, block: DataBlock) -> dict[str, Any] | None:
-    """Return the robot's poses for the player, see `twin.report.page.panels.scene`."""
-    return scene(run, block, MAX_POSES)
 
 
 class Tile(NamedTuple):

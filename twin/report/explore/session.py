@@ -262,10 +262,7 @@ class LiveSession:
             self._answer[1].set_result(text)
 
     async def accept(self, proposal: object) -> str:
-        """Forward the user's acceptance of `proposal` to the twin. Return an error message, or "".
-
-        Return an error message, or "".
-        """
+        """Forward the user's acceptance of `proposal` to the twin. Return an error message, or ""."""
         async with self._lock:
             if self._connection is None or self._watches:
                 return self._problem or self._watches

@@ -32,15 +32,15 @@ from twin.report.explore.page_state import (
 from twin.report.explore.picture import (
     EXPLORED_PANELS,
     INITIAL_PANELS,
+    MAX_POSES,
     Tile,
     panels_to_json,
-    poses,
     shown_panels,
     tiles,
 )
 from twin.report.explore.request import check_request
 from twin.report.page.markup import DataBlock
-from twin.report.page.panels import PanelRun
+from twin.report.page.panels import PanelRun, scene
 from twin.report.page.run import report_runs
 from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.experiment import Experiment
@@ -101,7 +101,7 @@ def _describe(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
         "title": experiment.title,
         "name": base.experiment,
         "duration": experiment.duration_ticks * experiment.cosim.tick,
-        "sliders": [slider.to_dict for slider in known_sliders(base, state.drive, state.body).values()],
+        "sliders": [asdict(slider) for slider in known_sliders(base, state.drive, state.body).values()],
         "drives": list(base.drives),
         "bodies": list(base.bodies),
         "panels_at_first": INITIAL_PANELS,
@@ -226,7 +226,7 @@ class ViewRequest(NamedTuple):
         found: dict[str, Any] = {
             "end": end,
             "all_panels": shown_panels(run) if self.listed else None,
-            "scene": poses(run, block) if self.robot else None,
+            "scene": scene(run, block, MAX_POSES) if self.robot else None,
         }
         chosen = [] if self.layout else [panel for panel in EXPLORED_PANELS if panel.title in self.titles]
         shown, of = (FIG4_PANELS, fig4) if fig4 else (chosen, run)
@@ -264,15 +264,6 @@ def _folders() -> list[Path]:
     return [run.folder for run in sorted(runs, key=lambda run: -run.recording.stat().st_mtime)]
 
 
-def _runs(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """List the runs of results/, the newest first, and the logs of robots, for comparison."""
-    return {"runs": [str(folder) for folder in _folders()[:MAX_RUNS]], "logs": known_logs()}
-
-
-def _save(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    return {"saved": str(save_experiment(parse_state(base, ask["state"]), str(ask.get("name"))))}
-
-
 def _command(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
     """Return the `twin run` command of a page's state, after checking that the experiment can be loaded."""
     state = parse_state(base, ask["state"])
@@ -297,22 +288,17 @@ def _loops(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
     return loops(parse_state(base, ask["state"]).load(), chosen)
 
 
-def _score(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Judge the claims of the paper's figure with runs of the page's state."""
-    return claims(parse_state(base, ask["state"]))
-
-
 REQUEST_HANDLERS: Mapping[str, Callable[[PageBase, Mapping[str, Any]], dict[str, Any]]] = {
     "begin": _begin,
     "describe": _describe,
     "show": _show,
     "recorded": _show_recording,
-    "runs": _runs,
-    "save": _save,
+    "runs": lambda base, ask: {"runs": list(map(str, _folders()[:MAX_RUNS])), "logs": known_logs()},
+    "save": lambda base, ask: {"saved": str(save_experiment(parse_state(base, ask["state"]), str(ask.get("name"))))},
     "command": _command,
     "onset": _onset,
     "adopt": lambda base, ask: {"state": adopt_state(base, ask["state"], ask["accepted"])},
     "log": _log,
     "loops": _loops,
-    "score": _score,
+    "score": lambda base, ask: claims(parse_state(base, ask["state"])),
 }

@@ -124,10 +124,7 @@ def _nearest(pattern: str, fields: dict) -> str:
 
 
 def recording_from_log(log: Log) -> Recording:
-    """Convert another tool's log to a recording: `arm.tip[0]`, `[1]`, ... become the field `tip` of the topic `arm`.
-
-    become the field `tip` of the topic `arm`.
-    """
+    """Convert another tool's log to a recording: `arm.tip[0]`, `[1]`, ... become the field `tip` of the topic `arm`."""
     topics: dict[str, list[tuple[str, LogSeries]]] = {}
     for name in dict.fromkeys(re.sub(r"\[\d+\]$", "", name) for name in log.series):
         topic, _, own = name.rpartition(".")

@@ -127,10 +127,7 @@ def ros_topics(topic: str, fields: Sequence[messages.Field], joints: JointFields
 
 
 def _joints(topic: str, side: str, one: messages.Field) -> list[str]:
-    """Return the joint names of a recorded field: `joint_1` .. `joint_3`; `motor_2` for the topic `drive/2`.
-
-    `joint_3`; `motor_2` for the topic `drive/2`.
-    """
+    """Return the joint names of a recorded field: `joint_1` .. `joint_3`; `motor_2` for the topic `drive/2`."""
     own = topic.rpartition("/")[2]
     if one.size == 1 and own.isdigit():
         return [f"{side}_{own}"]

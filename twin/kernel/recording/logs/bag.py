@@ -32,7 +32,7 @@ BAG_SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 METADATA_FILE = "metadata.yaml"
 MAX_FILE_BYTES = 2**36
 MAX_MESSAGE_BYTES = 2**28
-"""Bytes, as LARGEST_FILE is: 64 GB and 256 MB."""
+"""Maximum sizes of a file and of a message (bytes): 64 GB and 256 MB."""
 MAX_DEFINITIONS = 200
 DEFINITIONS_TABLE = "message_definitions"
 """Table with message definitions, since ROS 2 Iron."""
