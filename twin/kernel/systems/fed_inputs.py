@@ -18,14 +18,9 @@ from twin.kernel.recording.logs.column_map import TIME_NAMES, require_unit, spli
 from twin.kernel.recording.logs.csv_table import CsvTable, parse_table, read_table
 from twin.kernel.recording.logs.log import LogError
 from twin.kernel.recording.logs.reader import read_log
+from twin.kernel.ssp import structure as ssp
 from twin.kernel.ssp.flat import FlatSystem, UnitStep
 from twin.kernel.ssp.package import Package
-from twin.kernel.ssp.structure import (
-    REAL_TYPES,
-    TABLE_TYPE,
-    Endpoint,
-    SspComponent,
-)
 from twin.kernel.systems.additions import UNIT_PATTERN, SystemNames
 from twin.kernel.systems.extras import Feed, SystemExtras
 from twin.kernel.systems.naming import identifier, topic_name, unique_names
@@ -45,7 +40,7 @@ class _InputSignal:
     """
 
     name: str
-    place: Endpoint
+    place: ssp.Endpoint
     signal: Signal
     unit: str
     about: str
@@ -67,7 +62,7 @@ def input_extras(names: SystemNames, inputs: Sequence[str], settings: Sequence[s
         if one.place in set_:
             raise InputRefused(f"--input {one.name} and --set {one.name} contradict each other; remove one")
         by, wire = f"--input {one.name}", f"{INPUTS_TOPIC}.{port}"
-        ends: Sequence[tuple[Endpoint, tuple[UnitStep, ...]]] = [(one.place, ())]
+        ends: Sequence[tuple[ssp.Endpoint, tuple[UnitStep, ...]]] = [(one.place, ())]
         spelled = one.unit
         if not one.place.element:
             ends = names.flat.entrances[one.place.connector]
@@ -106,7 +101,7 @@ def _input_signals(names: SystemNames, text: str) -> Iterator[_InputSignal]:
     else:
         signal = parse_expression(given, where)
         for variable in (names.variable(end) for end in _ends(names, place)):
-            if variable.type not in REAL_TYPES and np.any(np.abs(signal.numbers) >= MAX_EXACT):
+            if variable.type not in ssp.REAL_TYPES and np.any(np.abs(signal.numbers) >= MAX_EXACT):
                 raise InputRefused(f"{where}: {variable.name} is {variable.type}; expected numbers below 2^53")
         yield _InputSignal(name, place, signal, "", given)
 
@@ -133,7 +128,7 @@ def _file_signals(names: SystemNames, file: Path) -> Iterator[_InputSignal]:
         yield _InputSignal(name, known[name], samples, spelled, about, tuple(f"{file.name}: {one}" for one in others))
 
 
-def _input(names: SystemNames, name: str) -> Endpoint:
+def _input(names: SystemNames, name: str) -> ssp.Endpoint:
     place = names.place(name, "--input")
     if not place.element and place.connector not in names.flat.entrances:
         raise InputRefused(f"--input {name}: it is not an input of the system")
@@ -142,19 +137,19 @@ def _input(names: SystemNames, name: str) -> Endpoint:
     return place
 
 
-def _ends(names: SystemNames, place: Endpoint) -> list[Endpoint]:
+def _ends(names: SystemNames, place: ssp.Endpoint) -> list[ssp.Endpoint]:
     return [place] if place.element else [end for end, _ in names.flat.entrances[place.connector]]
 
 
-def _is_held(names: SystemNames, place: Endpoint) -> bool:
+def _is_held(names: SystemNames, place: ssp.Endpoint) -> bool:
     """Whether an input signal's samples are held, not interpolated: true if any input is not a continuous real."""
     variables = [names.variable(end) for end in _ends(names, place)]
-    return any(v.variability != "continuous" or v.type not in REAL_TYPES for v in variables)
+    return any(v.variability != "continuous" or v.type not in ssp.REAL_TYPES for v in variables)
 
 
-def _refuse_broken(names: SystemNames, place: Endpoint, samples: SampledSignal, where: str) -> None:
+def _refuse_broken(names: SystemNames, place: ssp.Endpoint, samples: SampledSignal, where: str) -> None:
     for variable in (names.variable(end) for end in _ends(names, place)):
-        if variable.type not in REAL_TYPES and not np.all(samples.values == np.rint(samples.values)):
+        if variable.type not in ssp.REAL_TYPES and not np.all(samples.values == np.rint(samples.values)):
             bad = samples.values[samples.values != np.rint(samples.values)][0]
             raise InputRefused(
                 f"{where}: {bad:g} for {variable.name}, which is {variable.type}; expected whole numbers"
@@ -167,7 +162,7 @@ def _refuse_unfit(variable: Variable, values: np.ndarray, where: str) -> None:
     for value in map(float, (np.nanmin(values), np.nanmax(values))):
         # a larger integer may have been rounded to MAX_EXACT when it was read
         if why := variable.range_error(
-            value if abs(value) != MAX_EXACT or variable.type in REAL_TYPES else 2.0 * value
+            value if abs(value) != MAX_EXACT or variable.type in ssp.REAL_TYPES else 2.0 * value
         ):
             raise InputRefused(f"{where}: {why}")
 
@@ -230,9 +225,9 @@ def _sha256(file: Path) -> str:
     return sha256(file) if file.is_file() else "of a folder"
 
 
-def is_table(component: SspComponent) -> bool:
+def is_table(component: ssp.SspComponent) -> bool:
     """Whether an SSP component is a table of values over time, as in OMSimulator."""
-    return component.type == TABLE_TYPE or (component.type == "" and component.source.lower().endswith(".csv"))
+    return component.type == ssp.TABLE_TYPE or (component.type == "" and component.source.lower().endswith(".csv"))
 
 
 def table_extras(package: Package, flat: FlatSystem) -> tuple[FlatSystem, SystemExtras]:
@@ -259,11 +254,11 @@ def table_extras(package: Package, flat: FlatSystem) -> tuple[FlatSystem, System
             if name not in table.head or name == time:
                 raise InputRefused(f"{where}: {entry} has no column '{name}'; {nearest(name, table.head, 'it has {}')}")
             stated = component.connector_of.get(name)
-            held = stated is not None and stated.type not in ("", *REAL_TYPES)
+            held = stated is not None and stated.type not in ("", *ssp.REAL_TYPES)
             ports.append(Port(port, 1, (stated.unit if stated else "") or "1", f"column {name} of {entry}"))
             signals.append(SampledSignal(t, _column(table, name), "held" if held else "lines"))
             for lead in flat.leads:
-                if lead.start == Endpoint(path, name):
+                if lead.start == ssp.Endpoint(path, name):
                     spelled = stated.unit if stated else ""
                     by = f"{package.file}: the connection from {'.'.join(lead.start)} to {'.'.join(lead.end)}"
                     feeds.append(Feed(lead.end, f"{topic_name(path)}.{port}", by, spelled, lead.hops))

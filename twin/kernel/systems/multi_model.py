@@ -14,16 +14,8 @@ from urllib.parse import unquote, urlparse
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import parse_json, read_bytes
+from twin.kernel.ssp import structure as ssp
 from twin.kernel.ssp.package import MAX_STRUCTURE_SIZE, Package
-from twin.kernel.ssp.structure import (
-    Connection,
-    DefaultExperiment,
-    Endpoint,
-    ParameterValue,
-    SspComponent,
-    SspSystem,
-    Structure,
-)
 from twin.kernel.systems.foreign import foreign_package
 from twin.kernel.systems.timing import step_notes
 
@@ -46,8 +38,8 @@ def multi_model(file: Path) -> Package:
     ]
     parameters = _table(content, "parameters", where)
     reader = _InstanceNames(files, where, [*(end for pair in led for end in pair), *parameters])
-    wires = tuple(Connection(reader.end(start), reader.end(end)) for start, end in led)
-    values: dict[str, list[ParameterValue]] = {}
+    wires = tuple(ssp.Connection(reader.end(start), reader.end(end)) for start, end in led)
+    values: dict[str, list[ssp.ParameterValue]] = {}
     for name, value in parameters.items():
         end = reader.end(name)
         values.setdefault(end.element, []).append(_value(end.connector, value, f"{where}: {name}"))
@@ -59,9 +51,9 @@ def multi_model(file: Path) -> Package:
     unsaid += [f"FMUs without an instance: {', '.join(unused)}"] if unused else []
     given = {name: content.get(name) for name in ("startTime", "endTime")}
     start, stop = (None if one is None else _number(one, f"{where}: {name}") for name, one in given.items())
-    times = DefaultExperiment(start, stop, step_notes("org.into-cps", step))
-    system = SspSystem(file.stem, tuple(SspComponent(name, "") for name in fmus), wires)
-    structure = Structure(file.stem, system, "", experiment=times)
+    times = ssp.DefaultExperiment(start, stop, step_notes("org.into-cps", step))
+    system = ssp.SspSystem(file.stem, tuple(ssp.SspComponent(name, "") for name in fmus), wires)
+    structure = ssp.Structure(file.stem, system, "", experiment=times)
     return foreign_package(file, FORM_NAME, structure, fmus, values, unsaid)
 
 
@@ -82,10 +74,10 @@ class _InstanceNames:
         self.used = {fmu for fmu, _ in self._found}
         self._same = Counter(instance for _, instance in self._found)
 
-    def end(self, text: Any) -> Endpoint:
+    def end(self, text: Any) -> ssp.Endpoint:
         """Return the (component, variable) of a multi-model's name {fmu}.instance.variable."""
         fmu, instance, variable = self._split_name(text)
-        return Endpoint(self._name(fmu, instance), variable)
+        return ssp.Endpoint(self._name(fmu, instance), variable)
 
     def parts(self) -> list[tuple[str, str]]:
         """Return (component, FMU key) of each instance in the multi-model, in the order of the FMUs."""
@@ -126,13 +118,13 @@ def _file(file: Path, key: str, source: Any) -> Path:
     return found
 
 
-def _value(name: str, value: Any, where: str) -> ParameterValue:
+def _value(name: str, value: Any, where: str) -> ssp.ParameterValue:
     if isinstance(value, bool):
-        return ParameterValue(name, "Boolean", (float(value),))
+        return ssp.ParameterValue(name, "Boolean", (float(value),))
     if isinstance(value, int | float) and math.isfinite(value):
-        return ParameterValue(name, "Real", (float(value),))
+        return ssp.ParameterValue(name, "Real", (float(value),))
     if isinstance(value, str):
-        return ParameterValue(name, "String", (value,))
+        return ssp.ParameterValue(name, "String", (value,))
     raise InputRefused(f"{where} = {value!r}; expected a number, true, false or text")
 
 

@@ -25,16 +25,8 @@ from twin.kernel.fmi.description import described
 from twin.kernel.fmi.variable import MAX_EXACT, Value, Variable, setting_value
 from twin.kernel.recording.messages import FIELD_NAME
 from twin.kernel.recording.writer import EVENTS_TOPIC
+from twin.kernel.ssp import structure as ssp
 from twin.kernel.ssp.package import loose_package
-from twin.kernel.ssp.structure import (
-    Connection,
-    DefaultExperiment,
-    Endpoint,
-    SspComponent,
-    SspSystem,
-    Structure,
-    Transformation,
-)
 from twin.kernel.systems.additions import Additions, setting_text
 from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.coupling import PreparedSystem
@@ -108,7 +100,7 @@ class Cosimulation:
         self._files: dict[str, Path] = {}
         self._others: dict[str, Component] = {}
         self._order: list[str] = []
-        self._wires: list[tuple[str, str, Transformation]] = []
+        self._wires: list[tuple[str, str, ssp.Transformation]] = []
         self._settings: dict[str, str] = {}
         self._inputs: list[str] = []
         self._system: Path | None = None
@@ -177,7 +169,7 @@ class Cosimulation:
             InputRefused: the system is already running.
         """
         self._refuse_running("wires")
-        self._wires.append((output, input, Transformation(factor, offset)))
+        self._wires.append((output, input, ssp.Transformation(factor, offset)))
 
     def feed(self, input: str, signal: str) -> None:
         """Connect an input to a signal over time: an expression, `FILE.csv:COLUMN` or `RUN.mcap:SIGNAL`.
@@ -350,15 +342,15 @@ class Cosimulation:
     def _entries(self) -> dict[str, Path]:
         return {f"{name}.fmu": file for name, file in self._files.items()}
 
-    def _structure(self) -> Structure:
-        parts = tuple(SspComponent(name, f"{name}.fmu") for name in self._files)
+    def _structure(self) -> ssp.Structure:
+        parts = tuple(ssp.SspComponent(name, f"{name}.fmu") for name in self._files)
         connections = tuple(
-            Connection(start, end, line)
+            ssp.Connection(start, end, line)
             for start, end, line in ((self._end(a), self._end(b), line) for a, b, line in self._wires)
             if start.element in self._files and end.element in self._files
         )
-        return Structure(
-            FORM_NAME, SspSystem(FORM_NAME, parts, connections), experiment=DefaultExperiment(stop=self._stop)
+        return ssp.Structure(
+            FORM_NAME, ssp.SspSystem(FORM_NAME, parts, connections), experiment=ssp.DefaultExperiment(stop=self._stop)
         )
 
     def _extras(self) -> SystemExtras:
@@ -368,7 +360,7 @@ class Cosimulation:
             inside = [one.element in self._files for one in (start, end)]
             if all(inside):
                 continue
-            if line != Transformation():
+            if line != ssp.Transformation():
                 raise InputRefused(
                     f"the wire from {output} to {input}: a factor or an offset is supported between FMUs only; "
                     "apply it in the Python component"
@@ -386,7 +378,7 @@ class Cosimulation:
         order = [*([INPUTS_TOPIC] if self._inputs else []), *self._order]
         return SystemExtras(tuple(self._others.values()), tuple(feeds), tuple(drains), tuple(wires), tuple(order))
 
-    def _refuse_units(self, start: Endpoint, unit: str, output: str, input: str) -> None:
+    def _refuse_units(self, start: ssp.Endpoint, unit: str, output: str, input: str) -> None:
         """Refuse a wire to a port with another unit, as FMU outputs are passed on in the FMU's own unit."""
         variable = described(self._files[start.element]).variables.get(start.connector)
         if variable is not None and unit not in ("1", variable.unit):
@@ -395,13 +387,13 @@ class Cosimulation:
                 "the FMU gives: declare that unit"
             )
 
-    def _end(self, name: str) -> Endpoint:
+    def _end(self, name: str) -> ssp.Endpoint:
         component, _, variable = name.partition(".")
         if component not in self._order or not variable:
             raise InputRefused(f"'{name}': no such component; {nearest(component, self._order)}")
-        return Endpoint(component, variable)
+        return ssp.Endpoint(component, variable)
 
-    def _port(self, end: Endpoint, side: str) -> Any:
+    def _port(self, end: ssp.Endpoint, side: str) -> Any:
         match = _PORT_PATTERN.fullmatch(end.connector)
         ports = {port.name: port for port in getattr(self._others[end.element], side)}
         name = match["name"] if match else end.connector
