@@ -26,10 +26,7 @@ MAX_REPORT_WORDS = 6
 
 @contextmanager
 def start_expected_job() -> Iterator[None]:
-    """Start in advance the process that the command line probably needs: for a run, a report's picture or a sweep.
-
-    The process ends with the block if unclaimed.
-    """
+    """Start in advance the process (run, picture, sweep) that the words need, probably; it ends with the block."""
     job = _expected_job(sys.argv[1:])
     if not job:
         yield

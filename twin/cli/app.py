@@ -179,11 +179,7 @@ def twin_command() -> CommandList:
 
 
 def run_command_line(words: list[str]) -> int:
-    """Run the command line `words` and return its exit code.
-
-    Raises:
-        InputRefused: the command line is invalid.
-    """
+    """Run the command line `words` and return its exit code; InputRefused if it is invalid."""
     twin = twin_command()
     if wanted := os.environ.get(COMPLETE_VARIABLE):
         from click.shell_completion import shell_complete

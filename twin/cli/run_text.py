@@ -13,10 +13,9 @@ MAX_EVENTS = 20
 
 
 def run_text(run: Mapping[str, Any]) -> str:
-    """Format the result of a run for people, in at most 80 columns except for paths.
+    """Format the result of a run (fields of `twin.robot.run.Run`, `real_time_factor`, `remarks`, `experiment`).
 
-    Args:
-        run: fields of `twin.robot.run.Run`, `real_time_factor`, `remarks`, and the name of the `experiment`.
+    At most 80 columns except for paths.
     """
     speed = f"{run['simulated']:g} s at {run['real_time_factor']:.0f} x real time"
     values = measures.measured_values(run["outcome"]["measures"])

@@ -40,10 +40,7 @@ def compiling_text(done: int, about: int, seconds: float) -> str:
 
 
 class PlainProgress:
-    """Progress display without a terminal, or on one that cannot rewrite its line: a line per minute of long waits.
-
-    Base class of the other displays.
-    """
+    """Progress display without a terminal or a line to rewrite: a line per minute of long waits. Base of the others."""
 
     _printed = False
     _name, _duration = "", 0.0

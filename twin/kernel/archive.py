@@ -66,11 +66,7 @@ def entry_path(info: zipfile.ZipInfo) -> str:
 
 
 def entry_of(source: str, names: dict[str, int], base: str) -> str:
-    """Resolve a relative URI inside an archive to one of the entry names `names`; "" if it is not among them.
-
-    Args:
-        base: entry that contains the URI.
-    """
+    """Resolve a relative URI in the entry `base` to one of the entry names `names`; "" if it is not among them."""
     if re.match(r"[A-Za-z][A-Za-z0-9+.-]*:|/", source):
         return ""
     path = unquote(re.split(r"[?#]", source)[0])

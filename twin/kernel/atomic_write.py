@@ -68,10 +68,7 @@ class _DryRunEnd(Exception):
 
 @contextlib.contextmanager
 def open_unbuffered(path: Path) -> Iterator[Callable[[str], None]]:
-    """Truncate the file at `path` and yield a function that appends text to it without buffering.
-
-    Appended text survives a crash.
-    """
+    """Truncate the file at `path` and yield a function that appends text to it, which survives a crash."""
 
     def append(text: str) -> None:
         rest = text.encode("utf-8")

@@ -81,10 +81,7 @@ def open_regular(path: Path, limit: int, kind: str = "file") -> BinaryIO:
 
 
 def suggestion(path: Path) -> str:
-    """Return a hint to a file with a similar name in the folder of a missing `path`, or "".
-
-    The hint is `; did you mean 'folder/file.toml'?`. Unreadable folders give "".
-    """
+    """Return a hint to the nearest name, `; did you mean 'folder/file.toml'?`; "" if none, or an unreadable folder."""
     try:
         beside = {there.stem: there for there in path.parent.iterdir() if there.suffix == path.suffix}
     except PATH_ERRORS:

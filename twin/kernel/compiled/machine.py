@@ -52,11 +52,7 @@ def module_of(signature: Any, function: Callable, symbol: str) -> Module:
 
 
 def strip_module(module: Module, machine: Any) -> Any:
-    """Compile `module` for a target machine with only its inner function exported.
-
-    Returns:
-        (LLVM module, imported symbols that are not mathematics).
-    """
+    """Compile `module` with only its inner function exported; return it and imported symbols beyond mathematics."""
     made = llvm.parse_assembly(module.text)
     made.triple, made.data_layout = machine.triple, str(machine.target_data)
     for item in (*made.functions, *made.global_variables):
@@ -104,11 +100,7 @@ define {returned} @"{module.symbol}"({taken}) {{
 
 
 class ProcessorForm(NamedTuple):
-    """A target of compilation: the processor instruction sets that a variant of the machine code may use.
-
-    Attributes:
-        suffix: suffix of function names and object files.
-    """
+    """A variant of machine code: the instruction sets it may use, and the suffix of its functions and object files."""
 
     suffix: str
     features: str

@@ -161,11 +161,7 @@ def address_of(array: np.ndarray) -> int:
 
 
 class Entry(Function):
-    """A compiled function that Python calls without numba, and that compiled functions call like any other.
-
-    Args:
-        at_once: whether Python calls it with the GIL held.
-    """
+    """A compiled function that Python calls without numba (see `entry`), and compiled functions like any other."""
 
     def __init__(self, returns: str, takes: Sequence[Kind], function: Callable, at_once: bool = False):
         super().__init__(function, cache=True, error_model="numpy")

@@ -82,10 +82,7 @@ def seal(file: str, content: bytes) -> bytes:
 
 
 def stored_code(file: str) -> bytes:
-    """Read a compiled function's file from the package or the store; empty if missing or damaged.
-
-    Damaged files are deleted.
-    """
+    """Read a compiled function's file from the package or the store; empty if missing or damaged, and then deleted."""
     with contextlib.suppress(OSError):
         if content := _unseal(PACKAGED_OBJECTS / file):
             return content
@@ -205,11 +202,7 @@ def _store_digests(sources: Sources) -> None:
 
 
 def _identity(value: Any, modules: set[str]) -> str:
-    """Return a text that identifies a function or a value in its closure, to name the compiled code.
-
-    Args:
-        modules: modules of all functions in `value` are added to it.
-    """
+    """Return a text that identifies a function or a value in its closure; add all functions' modules to `modules`."""
     import numpy as np
 
     # unwrap a `Function` of this package or a numba dispatcher

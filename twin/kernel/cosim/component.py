@@ -272,11 +272,7 @@ class Component:
         """Refuse a restored state with an index beyond its array, which a step would dereference."""
 
     def lacks_state(self, portable: bool = True) -> str:
-        """Return the reason why the component's state cannot be saved, as a verb phrase; "" if it can.
-
-        Args:
-            portable: whether the state is for another process, rather than for this one.
-        """
+        """Return why the state cannot be saved (for another process if `portable`), as a verb phrase; "" if it can."""
         return "does not say what its steps change"
 
     def rewind(self) -> Rewind | None:

@@ -102,10 +102,7 @@ def _check_member(m, c, part, status):
 
 @njit(cache=True)
 def _run_pass(m, t, h):
-    """Step all members of an algebraic loop once at the present iterate z, and store the residual g(z) - z.
-
-    Return False if a member failed.
-    """
+    """Step all members of a loop once at the iterate z, store the residual g(z) - z; return whether all succeeded."""
     members = carray(_members_at(m.members), m.count)
     m.passes += 1
     for c in range(m.count):

@@ -187,10 +187,9 @@ def run_ticks(m, first, count, row):
 
 @entry("int", "int", "int", "int", "int")
 def advance(loop, first, count, row):
-    """Run ticks of the co-simulation loop whose memory is at address `loop`; passing only integers takes 0.2 us.
+    """Run ticks of the loop at address `loop`; return the rows written, or -1 - rows if a component failed.
 
-    Returns:
-        Rows written; -1 - rows if a component failed.
+    Passing only integers takes 0.2 us.
     """
     m = carray(_loop_at(loop), 1)[0]
     done = run_ticks(m, first, count, row)

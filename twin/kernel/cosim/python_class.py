@@ -37,10 +37,7 @@ MAX_EXCEPTION_TEXT = 200
 
 
 class PythonModel(Protocol):
-    """Interface of a Python class that can be a component.
-
-    Plain class attributes serve as the three properties.
-    """
+    """Interface of a Python class that can be a component; plain class attributes serve as the three properties."""
 
     @property
     def inputs(self) -> Sequence[Port]:

@@ -289,8 +289,7 @@ class Simulation:
     def run(self) -> np.ndarray:
         """Run the simulation to the end and return all output rows, (last_tick + 1, outputs).
 
-        Raises:
-            ComponentFailed: a component failed; the message names component, function, simulated time and last inputs.
+        ComponentFailed names a failed component, its function, the simulated time and its last inputs.
         """
         slices = []
         while not self.is_over:

@@ -77,11 +77,7 @@ def step(m, t, h, u, y):
 
 
 def source(name: str, ports: Sequence[Port], signals: Sequence[Signal]) -> NativeComponent:
-    """Make a component that outputs the value of each of the `signals` at every tick; see `SampledSignal`.
-
-    Args:
-        ports: outputs of size 1, one per signal.
-    """
+    """Make a component that outputs the values of `signals` at every tick, each at one of the `ports` (of size 1)."""
     channels, keep = np.zeros(len(signals), dtype=CHANNEL_RECORD), []
     for channel, signal in zip(channels, signals, strict=True):
         if isinstance(signal, Expression):

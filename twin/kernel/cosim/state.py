@@ -89,11 +89,7 @@ class SavedState:
 
     @classmethod
     def from_bytes(cls, content: bytes, where: str) -> "SavedState":
-        """Read the saved state of a system from bytes written by `to_bytes`.
-
-        Raises:
-            InputRefused: not a state, of another version, or damaged.
-        """
+        """Read a state written by `to_bytes`; InputRefused if it is none, of another version, or damaged."""
         try:
             size = zstandard.frame_content_size(content)
             if not 8 <= size <= MAX_STATE_SIZE:
@@ -268,11 +264,7 @@ class StatePlaces:
         return SystemState(self, saved.tick, memory, tokens)
 
     def adopt(self, saved: SavedState) -> list[str]:
-        """Restore the components that `saved`, possibly of a different system, has in common with this system.
-
-        Returns:
-            Names of components that the state does not contain; they are unchanged.
-        """
+        """Restore the components that `saved`, possibly of another system, has; return the names of the others."""
         pieces, contents = self._split_state(saved)
         there = {piece.form[:2]: piece for piece in pieces}
         known = {component for component, _ in [*there, *contents]}

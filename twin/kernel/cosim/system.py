@@ -165,8 +165,7 @@ class System:
     def has_separate_newest(self) -> bool:
         """Whether the newest outputs of components are stored separately from the valid ones.
 
-        Not needed in Gauss-Seidel order if all components step every tick, as every replaced value has been read
-        before.
+        Not in Gauss-Seidel order if all step every tick, as every replaced value has been read before.
         """
         every = all(c.period == 1 for c in self.components[self.sampled :])
         return self.interpolates or self.scheme != "gauss_seidel" or not every
@@ -216,11 +215,7 @@ class System:
         return table
 
     def loop(self, table: np.ndarray, y: np.ndarray, mark: np.ndarray, last: int) -> np.ndarray:
-        """Make the memory record of the compiled loop, `LOOP_RECORD` (1,), without rows; it keeps no argument alive.
-
-        Args:
-            mark: (2,) int64, see `LOOP_RECORD`.
-        """
+        """Make the record of the compiled loop, `LOOP_RECORD` (1,), without rows; it keeps no argument alive."""
         loop = np.zeros(1, dtype=LOOP_RECORD)
         m = loop[0]
         m["table"], m["components"], m["sampled"] = table.ctypes.data, len(table), self.sampled

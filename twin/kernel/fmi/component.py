@@ -31,11 +31,7 @@ STATELESS_FOLDER = "without_state"
 
 
 def mark_stateless(sha256: str, reason: str) -> None:
-    """Mark an FMU as unable to save its state, for all processes of this user, or remove the mark.
-
-    Args:
-        reason: the finding; "" to remove the mark.
-    """
+    """Mark an FMU as unable to save its state for a `reason`, in all of this user's processes; "" removes the mark."""
     file = cache_folder(STATELESS_FOLDER) / sha256
     if reason:
         file.write_text(reason)
@@ -49,10 +45,9 @@ def is_marked_stateless(sha256: str) -> bool:
 
 
 class FmuStates:
-    """Saved internal states of an FMU (FMI 2.0.4, 2.1.8; FMI 3.0, 2.2.5) as a `Holder`; tokens are their addresses.
+    """Saved states of an FMU (FMI 2.0.4, 2.1.8; FMI 3.0, 2.2.5) as a `Holder`; tokens are their addresses.
 
-    Args:
-        stepping: its step; while tokens exist, it announces to the FMU that a state may be restored.
+    While tokens exist, its step announces to the FMU that a state may be restored.
     """
 
     def __init__(self, instance: Instance, stepping: Stepping):

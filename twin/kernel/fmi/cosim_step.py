@@ -303,10 +303,9 @@ def due_step(address, t, h):
 
 @njit(cache=True)
 def fill_discrete_inputs(address, u):
-    """Convert the FMU's discrete inputs at address `u` to FMU values in their buffers.
+    """Convert the FMU's discrete inputs at address `u` into their buffers.
 
-    Returns:
-        (whether an unclocked input differs from the last value set, 0 or `INPUT_OUT_OF_RANGE`).
+    Return (whether an unclocked input differs from the last value set, 0 or `INPUT_OUT_OF_RANGE`).
     """
     e = carray(_events_at(address), 1)[0]
     groups = carray(groups_at(e.discrete_groups), e.discrete)
@@ -380,10 +379,9 @@ def _read_clocked_outputs(e, active):
 
 @njit(cache=True, error_model="numpy")
 def _plan_clocks(e, clocks, ticked, n, t):
-    """Plan the next ticks of an FMU's input clocks at time `t`, the beginning of step `n`, after `ticked` (bit mask).
+    """Plan the ticks of an FMU's clocks at time `t`, the beginning of step `n`; return 0 or a failure status.
 
-    Returns:
-        0 or a failure status.
+    `ticked` is a bit mask of the clocks.
     """
     answer = carray(_words_at(e.returned + _ANSWER_OFFSET), 1)
     interval = carray(doubles_at(e.returned + _VALUE_OFFSET), 1)
@@ -442,11 +440,7 @@ def handle_events(address, n, t):
 
 @entry("int", "int", "int", "int", "double")
 def update_discrete_states(address, active, n, t):
-    """Update an FMU's discrete states in event mode until no update is needed, with the clocks `active` (bit mask).
-
-    Returns:
-        0 or a failure status.
-    """
+    """Update discrete states in event mode, the clocks `active` (bit mask), until none needs it; return a status."""
     e = carray(_events_at(address), 1)[0]
     clocks = carray(_clocks_at(e.clock_table), e.clocks)
     flags, next_time = carray(bytes_at(e.returned), 16), carray(doubles_at(e.returned), 1)

@@ -189,11 +189,7 @@ class Integrator:
 
 
 def _allocate_block(sizes: dict[str, int], first: int = 0) -> tuple[np.ndarray, dict[str, int]]:
-    """Allocate named arrays in one memory block, each followed by a guard, after `first` other numbers.
-
-    Returns:
-        (block, offset of each array).
-    """
+    """Allocate named arrays, each with a guard behind it, after `first` other numbers; return (block, offsets)."""
     places, place = {}, first
     for name, size in sizes.items():
         places[name] = place
@@ -331,10 +327,7 @@ class ModelExchange(Instance):
                 )
 
     def _numbers(self, name: str, count: int) -> np.ndarray:
-        """Read a whole vector of the model, `count` doubles, with the FMU's function `Get{name}`.
-
-        Reject an FMU that writes more or fewer numbers, detected by guard values in and behind the buffer.
-        """
+        """Read a vector of `count` doubles with the FMU's function `Get{name}`; refuse more or fewer (guard values)."""
         if count == 0:
             return np.zeros(0)
         values = np.full(count + GUARD_SIZE, GUARD_VALUE)
@@ -363,11 +356,7 @@ class ModelExchange(Instance):
 
 
 class ExchangeStepping(Stepping):
-    """Compiled step of a model-exchange FMU instance, which integrates its equations.
-
-    Args:
-        inputs, outputs, shift: see `Stepping`.
-    """
+    """Compiled step of a model-exchange FMU instance, which integrates its equations; arguments as of `Stepping`."""
 
     def __init__(
         self,

@@ -261,11 +261,7 @@ def store_status(note, status):
 
 @njit(cache=True)
 def _store(kind, buffer, j, value):
-    """Store a number in a buffer of FMI type `kind` at index `j`, rounded to the nearest integer for integer types.
-
-    Returns:
-        False if the value is outside the range of the type.
-    """
+    """Store a number at index `j` of a buffer of FMI type `kind`, integers rounded; return whether it is in range."""
     if kind < 2:
         most = FLOAT_32 if kind == 1 else FLOAT_64
         if not -most <= value <= most:

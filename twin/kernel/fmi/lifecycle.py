@@ -206,11 +206,7 @@ def _on_message_2(environment: int | None, instance: bytes, status: int, categor
 
 
 class Fmi2:
-    """Life cycle of an FMI 2.0 FMU: calls that instantiate, initialise and free it.
-
-    Args:
-        slave: FMPy's class of instances.
-    """
+    """Life cycle of an FMI 2.0 FMU: calls that instantiate, initialise and free it."""
 
     def __init__(self, slave: type = FMU2Drive):
         self.slave = slave

@@ -135,11 +135,7 @@ _C_POINTER, _C_DOUBLE, _C_INT, _C_INT64 = ctypes.c_void_p, ctypes.c_double, ctyp
 
 
 def exchange_error(m: Any, status: int, other: int) -> str:
-    """Describe a failed step of a model-exchange FMU as a verb phrase; "" if the status is not of model exchange alone.
-
-    Args:
-        other: status returned if it is outside the standard.
-    """
+    """Describe a failed model-exchange step (`other`: a status outside the standard); "" for other statuses."""
     prefix, names = f"fmi{m['version']}", EXCHANGE_FUNCTIONS if m["version"] == 2 else EXCHANGE_FUNCTIONS_3
     if status // 16 * 16 in CALL_STATUSES:
         name = list(names.values())[CALL_STATUSES.index(status // 16 * 16)]
@@ -178,11 +174,7 @@ def set_time_and_states(m, t, x):
 
 @njit(cache=True)
 def derivatives(m, t, x, dx):
-    """Compute the FMU's state derivatives at time `t` and the states at address `x`; return 0 or a failure status.
-
-    Args:
-        dx: address of the result, with a guard after it, see `GUARD_SIZE`.
-    """
+    """Compute derivatives `dx` (address, a guard behind) at time `t` and states `x`; return 0 or a failure status."""
     status = set_time_and_states(m, t, x)
     if status != 0:
         return status
@@ -201,11 +193,7 @@ def derivatives(m, t, x, dx):
 
 @njit(cache=True)
 def indicators(m, z):
-    """Compute the FMU's event indicators at the present time and states; return 0 or a failure status.
-
-    Args:
-        z: address of the result, with a guard after it, see `GUARD_SIZE`.
-    """
+    """Compute the event indicators `z` (address, a guard behind it) of the present; return 0 or a failure status."""
     status = call_doubles(m.indicators_of, (m.instance, z, m.indicators))
     if status > 1:
         return INDICATORS_FAILED + status

@@ -35,11 +35,7 @@ class FmuPort:
 
 @dataclass(frozen=True)
 class PortSlots:
-    """A port and the positions of its values among all inputs or outputs of its component.
-
-    Attributes:
-        shift: offsets added to its values, (number of values,).
-    """
+    """A port, the positions of its values among all its component's, and offsets `shift` (values,) added to them."""
 
     port: FmuPort
     slots: np.ndarray
@@ -200,11 +196,7 @@ class Stepping:
         return {f"memory_{number}": array for number, array in enumerate(self.changing_arrays, start=1)} | shorter
 
     def _group_table(self, ports: Iterable[PortSlots], access: str) -> np.ndarray:
-        """Make the table of groups of FMU variables; a group has one FMI type, one set of clocks and one call.
-
-        Args:
-            access: "Set" or "Get".
-        """
+        """Make the table of groups of FMU variables to "Set" or "Get": one FMI type, set of clocks and call each."""
         instance = self.instance
         members: dict[tuple[str, int], list[PortSlots]] = {}
         for p in ports:

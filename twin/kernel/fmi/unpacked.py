@@ -70,22 +70,14 @@ Stamp = list[int]
 
 
 class CompiledLibrary(NamedTuple):
-    """An FMU's library compiled on this machine.
-
-    Attributes:
-        compiler: compiler with its version.
-    """
+    """An FMU's library compiled on this machine, and the compiler with its version."""
 
     library: Path
     compiler: str
 
 
 def compiled_library(digest: str, binary: str) -> CompiledLibrary | None:
-    """Return the library compiled for the FMU with SHA-256 `digest`; None if it was not compiled for this platform.
-
-    Args:
-        binary: path that the library would have in the archive.
-    """
+    """Return the library `binary` (path in the archive) compiled for the FMU with SHA-256 `digest`; None if missing."""
     folder = _compiled_folder(digest)
     library = folder / binary
     try:
@@ -351,10 +343,7 @@ def sealed_stamps(folder: Path) -> dict[str, Stamp]:
 
 
 def stamp_of(path: str) -> Stamp | None:
-    """Return the stamp of the file at `path`, its size, times and inode, to detect changes; None if missing.
-
-    Any write changes them, as ctime cannot be set back.
-    """
+    """Return the file's size, times (a write changes ctime, which cannot be set back) and inode; None if missing."""
     try:
         found = os.lstat(path)
     # ValueError: a damaged seal may contain any name

@@ -129,11 +129,7 @@ def enumeration_items(variable: Any) -> dict[str, float]:
 
 
 def parse_value(where: str, items: Mapping[str, float], value: float | str) -> float:
-    """Convert an FMU variable's value to a number; for an enumeration, also the name of an item.
-
-    Args:
-        items: item name -> value; empty for variables that are not enumerations.
-    """
+    """Convert an FMU variable's value to a number; the name of an item counts if there are `items` (an enumeration)."""
     if not items:
         if isinstance(value, str):
             raise InputRefused(f"{where} = {value!r}: expected a number; this variable has no values with names")

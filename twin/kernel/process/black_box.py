@@ -45,8 +45,7 @@ class Call(NamedTuple):
 class BlackBox:
     """The supervisor's end of a black box: memory shared with a process, which notes its present activity there.
 
-    Attributes:
-        fd: file descriptor of the nameless file, to be inherited by the writer.
+    The writer inherits `fd`, the descriptor of the nameless file.
     """
 
     def __init__(self) -> None:
@@ -109,10 +108,7 @@ class Announcer:
         _COMPILED_STRUCT.pack_into(self._memory, _COMPILED_AT, self._compiled, self._since)
 
     def announce_call(self, file: str, instance: str, function: str) -> None:
-        """Note in the black box that an FMI call begins, or with an empty `function` that it has returned.
-
-        Fits `Hooks.fmi_call`.
-        """
+        """Note in the black box that an FMI call begins, or has returned (empty `function`); for `Hooks.fmi_call`."""
         _CALL_STRUCT.pack_into(self._memory, _CALL_AT, self._number, 0)
         if function:
             text = b"\0".join(part.encode()[:_MAX_PART_BYTES] for part in (file, instance, function))
@@ -191,11 +187,7 @@ class JobAccount:
 
 
 def exit_phrase(status: int) -> str:
-    """Describe how a process ended that its supervisor did not end, as a verb phrase.
-
-    Args:
-        status: exit status, negative for a signal.
-    """
+    """Describe how a process ended by itself, from its exit `status` (negative for a signal), as a verb phrase."""
     if status >= 0:
         return f"ended the process with exit({status})"
     name = signal.Signals(-status).name

@@ -35,10 +35,7 @@ def module_command(module: str, *arguments: str) -> list[str]:
 
 
 def environment() -> dict[str, str]:
-    """Return this process's environment variables, extended so that another Python finds this package.
-
-    Scripts started by a drive otherwise search Python's default folders.
-    """
+    """Return this process's environment variables, extended so that Python scripts of a drive find this package."""
     home = str(Path(twin.__file__).parents[1])
     inherited = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     # an empty entry is the current folder; site-packages are found anyway, and not before the standard library
@@ -164,10 +161,7 @@ class GuardedProcess:
         return os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
     def end(self) -> int:
-        """End the guarded process and all processes it started; return its exit status, negative for a signal.
-
-        A process that has ended by itself keeps its exit status.
-        """
+        """End the process and all that it started; return its exit status (its own if ended), negative for a signal."""
         if not self.has_exit_status:
             # not reaped yet, so its pid cannot have been reused
             with contextlib.suppress(ProcessLookupError, PermissionError):

@@ -42,25 +42,16 @@ def called_function(component: Component) -> str:
 
 
 class Reporter(Protocol):
-    """Interface through which a job reports to its parent.
-
-    A job is a function `job(reporter, **arguments)`; its notes and its result must be JSON-serialisable.
-    """
+    """Interface for reports of a job `job(reporter, **arguments)` to its parent; notes and result become JSON."""
 
     def note(self, **facts: Any) -> None:
-        """Send a note to the parent process, whose listener receives the keyword arguments as a dictionary.
-
-        A job may send notes while it runs, for example `note(serving=address)`. Its result is sent separately.
-        """
+        """Send a note, such as `note(serving=address)`, as a dictionary to the parent's listener while the job runs."""
 
     def loading(self) -> None:
         """Report that components are being created from now on; a failure is then an input error."""
 
     def progress(self, done: int, total: int) -> None:
-        """Report that `done` of `total` ticks of the simulation are complete.
-
-        Fits `twin.robot.run.execute(progress=...)`.
-        """
+        """Report that `done` of `total` ticks are complete; fits `twin.robot.run.execute(progress=...)`."""
 
     def helper(self, name: str, pid: int) -> None:
         """Report that the component `name` runs in a process of its own, `pid`."""
@@ -112,10 +103,7 @@ class PipeReporter:
         self.report("loading", None)
 
     def stepping(self, system: System, last_tick: int) -> SimulationMemory:
-        """Report to the supervisor that `system` is being stepped, and return its memory in the black box.
-
-        Fits `Hooks.memory`.
-        """
+        """Report that `system` is stepped; return its memory in the black box. Fits `Hooks.memory`."""
         # never shrink: earlier simulations, which may be resumed, still map it
         size = max(os.fstat(self.box).st_size, INPUTS_AT + 8 * max(1, system.inputs_width))
         os.ftruncate(self.box, size)

@@ -114,11 +114,7 @@ class Pool(Generic[Task, Answer]):
             thread.join()
 
     def answers(self, tasks: Sequence[Task]) -> Generator[list[tuple[Task, Answer]]]:
-        """Distribute tasks to the processes; yield each task once, with its answer, in batches as they complete.
-
-        Raises:
-            Exception: `ask` raised it; earlier answers are yielded first.
-        """
+        """Distribute tasks; yield each with its answer, in batches as they complete, then raise `ask`'s exception."""
         done: queue.SimpleQueue[Any] = queue.SimpleQueue()
         for task in tasks:
             self._waiting.put((task, done))

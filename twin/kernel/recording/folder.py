@@ -60,11 +60,7 @@ def _link_latest(latest: Path, run: str | None) -> None:
 
 
 def claim_run_folder(folder: Path) -> Path:
-    """Create the folder `folder`, given by the user, as the folder of one run, and return it.
-
-    A name like those of `create_run_folder` gets a marker file: the folder belongs to the user, and every command keeps
-    it.
-    """
+    """Create the user's `folder` for one run; if named like ours, a marker file makes every command keep it."""
     with translate_disk_errors(folder, "cannot be read", RecordingError):
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise RecordingError(f"{folder}: exists and is not empty; name a new folder, a run is never overwritten")
@@ -155,11 +151,7 @@ class Output:
             self._file = None
 
     def publish(self) -> None:
-        """Finish the file: sync it to disk, close it and rename it to its final name, replacing a file of that name.
-
-        Raises:
-            RecordingWriteError: the disk or the folder refuses; the partial file stays.
-        """
+        """Sync, close and rename the file to its final name, replacing any; RecordingWriteError leaves the partial."""
         if self._file is None:
             raise RecordingWriteError(f"{self.partial}: the recording is closed")
         with translate_disk_errors(self.partial, "cannot be finished", RecordingWriteError):

@@ -453,11 +453,7 @@ class MessageForm:
 
 
 def form_filling(channel: int, form: MessageForm) -> Filling:
-    """Make the record template of a message form on channel number `channel`, with the places of its numbers.
-
-    Raises:
-        ValueError: a column has no blank in the example.
-    """
+    """Make the record template of a message form on channel `channel`; ValueError if a column has no blank."""
     body = form.example.SerializeToString(deterministic=True)
     doubles = [struct.pack("<d", blank_value(column)) for column in range(form.width)]
     found = [(column, place) for column, double in enumerate(doubles) for place in _places(body, double)]

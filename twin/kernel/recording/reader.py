@@ -82,8 +82,7 @@ class Recording:
     def __getitem__(self, key: str) -> np.ndarray:
         """Return the values of series `topic.field`: (n,), or (n, size) for a vector; float64, int64 or bool.
 
-        Raises:
-            UnknownSeries: unknown topic or field; the error message suggests the nearest names.
+        UnknownSeries suggests the nearest names.
         """
         if key not in self.fields():
             hint = nearest(str(key), self.fields(), "it holds {}", 3)
@@ -104,11 +103,7 @@ class Recording:
         return self.fields().keys()
 
     def time(self, topic: str) -> np.ndarray:
-        """Return the simulation times of the messages of `topic`, s, (n,).
-
-        Raises:
-            UnknownSeries: unknown topic; the error message suggests the nearest names.
-        """
+        """Return the simulation times (s) of a topic's messages, (n,); UnknownSeries suggests the nearest topics."""
         if topic not in self.streams:
             raise UnknownSeries(
                 f"{self.path}: no topic {topic!r}; {nearest(topic, self.streams, 'it holds {}', 3)}", topic

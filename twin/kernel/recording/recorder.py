@@ -41,11 +41,7 @@ def versions() -> dict[str, str]:
 
 
 class RowBlock:
-    """A block of output rows of consecutive ticks, and the events during them, collected for writing.
-
-    Attributes:
-        first: tick of the first row of the current block.
-    """
+    """A block of output rows of consecutive ticks from `first`, and the events during them, collected for writing."""
 
     def __init__(self, size: int, width: int, first: int = 0):
         self.first = first

@@ -368,11 +368,7 @@ class Contents:
         self.counts.update(counts)
 
     def _read_declarations(self, position: int, content: bytes, others: np.ndarray) -> dict[int, int]:
-        """Register the schemas and channels in a chunk; return channel number -> offset of its declaration.
-
-        Args:
-            others: records that are no messages.
-        """
+        """Register the schemas and channels among the records `others`; return channel number -> its offset."""
         declared: dict[int, int] = {}
         for record in others:
             place, opcode, length = record[: LENGTH_COLUMN + 1].tolist()

@@ -391,11 +391,7 @@ class Writer:
             self._pending.append_records(channel, times, records)
 
     def write_event(self, tick: int, level: str, text: str, name: str) -> None:
-        """Record an event at `tick` as a `foxglove.Log` message on `/events`, no earlier than the previous event.
-
-        Args:
-            level, text, name: see `Event`.
-        """
+        """Record an `Event` at `tick` as a `foxglove.Log` message on `/events`, no earlier than the previous event."""
         channel = self._events
         times = self._ascending_times(channel, [tick])
         time = int(times[0])
@@ -419,10 +415,9 @@ class Writer:
         self._summary.attachments.append(AttachmentIndex(start, len(record), time, 0, len(content), name, media_type))
 
     def finish(self) -> Path:
-        """Finish the recording: write buffered messages, index and footer, sync to disk, rename and return its path.
+        """Finish the recording: write messages, index and footer, sync, rename and return its path.
 
-        Raises:
-            RecordingWriteError: disk full or recording closed; the partial file stays, readable.
+        On RecordingWriteError (disk full, recording closed) the partial file stays, readable.
         """
         self._write_chunks()
         self._output.append(self._summary.ending(self._output.size, self._output.crc))
@@ -430,11 +425,7 @@ class Writer:
         return self._output.path
 
     def abandon(self) -> Path:
-        """Write buffered messages, close the unfinished recording and return its partial path; no effect if closed.
-
-        Raises:
-            RecordingWriteError: disk full; the file is closed all the same.
-        """
+        """Write buffered messages, close the recording, even if the disk is full, and return its partial path."""
         if not self._output.closed:
             self._write_chunks()
             self._output.close()

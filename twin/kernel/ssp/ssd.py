@@ -32,11 +32,7 @@ for prefix, namespace in (("ssc", SSC), ("ssd", SSD), ("ssv", SSV), ("ssm", SSM)
 
 
 def parameter_set(content: bytes, where: str, source: str = "") -> ssp.ParameterSet:
-    """Read an SSP parameter set from the content of an SSV file.
-
-    Args:
-        source: file name in the archive.
-    """
+    """Read an SSP parameter set from the content of an SSV file, `source` in the archive."""
     return parameter_set_of(parse_xml(content, where), where, source)
 
 
@@ -124,11 +120,7 @@ ResourceLoader = Callable[[str, str], Resource]
 
 
 def structure_of(content: bytes, where: str, load: ResourceLoader) -> ssp.Structure:
-    """Parse the content of an SSP file's SystemStructure.ssd.
-
-    Args:
-        load: loads parameter sets and mappings that are files of their own.
-    """
+    """Parse the content of an SSP's SystemStructure.ssd; `load` loads parameter sets and mappings in other files."""
     root = parse_xml(content, where)
     if root.tag != f"{SSD_NAMESPACE}SystemStructureDescription":
         raise InputRefused(

@@ -121,11 +121,7 @@ class ParameterValue:
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """An SSP parameter set, with the `units` that its values use.
-
-    Attributes:
-        source: its file in the archive, "resources/plant.ssv"; "" if it is part of the structure.
-    """
+    """An SSP parameter set with the `units` of its values; `source` is its .ssv in the archive, "" in the structure."""
 
     name: str
     parameters: tuple[ParameterValue, ...]
@@ -147,11 +143,7 @@ class MappingEntry:
 
 @dataclass(frozen=True)
 class ParameterMapping:
-    """An SSP parameter mapping: from parameters to variables with other names.
-
-    Attributes:
-        source: its file in the archive; "" if it is part of the structure.
-    """
+    """An SSP mapping from parameters to other variables; `source` is its file in the archive, "" in the structure."""
 
     entries: tuple[MappingEntry, ...]
     source: str = ""
@@ -350,11 +342,7 @@ class Endpoint(NamedTuple):
 
 @dataclass(frozen=True)
 class Connection:
-    """An SSP connection between two connectors.
-
-    Attributes:
-        suppress_unit_conversion: whether only the transformation is applied to the value.
-    """
+    """An SSP connection; with `suppress_unit_conversion` only the transformation is applied to the value."""
 
     start: Endpoint
     end: Endpoint

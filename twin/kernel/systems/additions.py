@@ -76,11 +76,7 @@ def _add_bindings(package: Package, sets: Iterable[ssp.ParameterSet]) -> Package
 
 
 class SystemNames:
-    """Lookup of component and variable names in a system.
-
-    Args:
-        files: FMU files by component.
-    """
+    """Lookup of component and variable names in a system, whose components have the FMU `files`."""
 
     def __init__(self, package: Package, flat: FlatSystem, files: Mapping[str, Path]):
         self.package, self.flat = package, flat

@@ -189,11 +189,7 @@ def _columns(plan: SystemPlan, system: System, places: Mapping[str, tuple[str, i
 
 
 def refuse_steps(plan: SystemPlan, choice: str) -> None:
-    """Check that all FMUs accept the step sizes of a plan.
-
-    Args:
-        choice: alternative to suggest in the message.
-    """
+    """Check that all FMUs accept the step sizes of a plan; suggest the alternative `choice` otherwise."""
     for part in plan.parts:
         try:
             refuse_step(part.description, plan.timing.tick * plan.timing.periods[part.path], 1)
@@ -240,9 +236,9 @@ class _SolvableLoop:
     def merge_parts(
         self, components: dict[str, Component], wires: list[tuple[str, str]], columns: dict[str, tuple[str, int]]
     ) -> list[tuple[str, str]]:
-        """Merge the components of the loop into one component that solves it; return the remaining wires.
+        """Merge the loop's components into one that solves it, at the first part's place; return the remaining wires.
 
-        `components` and `columns` are updated in place; the merged component has the position of the first part.
+        `components` and `columns` are updated in place.
         """
         name = "+".join(self._names)
         members = [components[part] for part in self._names]

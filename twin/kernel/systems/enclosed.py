@@ -251,11 +251,7 @@ def _with_values(flat: FlatSystem, names: SystemNames, table: str, values: Mappi
 
 
 class _OuterVariables:
-    """Variables of an SSP system that are visible from outside.
-
-    Attributes:
-        exits: visible output -> the inner variable and the conversion from it.
-    """
+    """Variables of a system visible from outside; `exits`: visible output -> inner variable, conversion from it."""
 
     def __init__(
         self,

@@ -48,11 +48,7 @@ class _InputSignal:
 
 
 def input_extras(names: SystemNames, inputs: Sequence[str], settings: Sequence[str]) -> SystemExtras:
-    """Make a component of the signals over time that feed inputs, and its connections.
-
-    Args:
-        inputs, settings: see `Additions`; an input may not be in both.
-    """
+    """Make a component of the signals that feed inputs (see `Additions`; no input in both), and its connections."""
     fed = [one for text in inputs for one in _input_signals(names, text)]
     if not fed:
         return SystemExtras()
@@ -231,11 +227,7 @@ def is_table(component: ssp.SspComponent) -> bool:
 
 
 def table_extras(package: Package, flat: FlatSystem) -> tuple[FlatSystem, SystemExtras]:
-    """Replace the SSP components that are tables of values over time by signal components.
-
-    Returns:
-        (system without its tables, components and connections in their place).
-    """
+    """Replace components that are tables over time; return (system without them, signal components and wires)."""
     tables = {path: one for path, one in flat.components.items() if is_table(one)}
     if not tables:
         return flat, SystemExtras()

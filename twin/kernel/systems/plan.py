@@ -106,10 +106,7 @@ class SystemPlan:
 
     @property
     def delayed_connections(self) -> list[tuple[str, str]]:
-        """Connections that carry values from the start of the step: (output, input) with the names of the system.
-
-        All in Jacobi order; in Gauss-Seidel order, those against the step order.
-        """
+        """(Output, input) that carry values from the step's start: in Gauss-Seidel those against its order."""
         order = {part.name: number for number, part in enumerate(self.parts)}
         outputs, inputs = (
             {

@@ -60,11 +60,7 @@ class ObservedSeries:
         return self._tick * np.arange(self._first, self._next)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Return the values of an observed signal, shape (n,) or (n, size).
-
-        Raises:
-            InputRefused: the signal is not observed.
-        """
+        """Return the values of a signal, shape (n,) or (n, size); InputRefused if it is not observed."""
         if name not in self._columns:
             raise InputRefused(f"'{name}' is not observed; {nearest(name, self._columns, 'it has {}')}")
         place = self._columns[name]
@@ -112,11 +108,7 @@ class Cosimulation:
     def read(
         cls, file: str | Path, tick: float | None = None, stop: float | None = None, scheme: Scheme | None = None
     ) -> Self:
-        """Open the system of a file, like `twin cosim`; further arguments as of the class.
-
-        Raises:
-            InputRefused: no such file, or an invalid one.
-        """
+        """Open a file's system, like `twin cosim`; arguments as of the class. InputRefused if missing or invalid."""
         made = cls(tick, stop, scheme)
         made._system = Path(file)
         read_system(made._system)
@@ -256,8 +248,7 @@ class Cosimulation:
     def observe(self, *patterns: str) -> ObservedSeries:
         """Record outputs that match one of `patterns` (all without patterns) from now on, one row per completed tick.
 
-        Raises:
-            InputRefused: a pattern matches no output.
+        InputRefused if a pattern matches no output.
         """
         _, made, _ = self._running_parts()
         known = {name: place for component in made.system.components

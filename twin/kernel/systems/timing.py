@@ -57,11 +57,7 @@ class Timing(NamedTuple):
 def timing(
     package: Package, flat: FlatSystem, descriptions: Mapping[str, FmuDescription], choice: MasterChoice
 ) -> Timing:
-    """Determine start, end and step sizes of a run from the user's options, else the system, else its FMUs.
-
-    Args:
-        descriptions: FMU descriptions by component.
-    """
+    """Determine start, end and step sizes of a run from the user's options, else the system, else its FMUs."""
     steps = _steps(package, flat, choice)
     length, source = (
         (choice.tick, "--tick-ms") if choice.tick is not None else _structure_step(package, descriptions, steps)

@@ -67,11 +67,7 @@ def fig4_experiments(state: PageState) -> list[Experiment]:
 
 
 def fig4_runs(state: PageState, known: tuple[Experiment, Trace] | None = None) -> Fig4Runs:
-    """Simulate the four experiments of the paper's Fig. 4 with the changes of `state`.
-
-    Args:
-        known: an experiment with its run, which is then reused.
-    """
+    """Simulate the experiments of the paper's Fig. 4 with the changes of `state`; a `known` run is reused."""
     own = known[0].values if known else None
     titled = {"title": own["title"]} if own else {}
     first, second, *others = [

@@ -115,11 +115,7 @@ def _estimates(log: Log, experiment: Experiment) -> dict[str, LogSeries]:
 
 
 def log_run(ask: Mapping[str, Any], experiment: Experiment) -> tuple[PanelRun, str]:
-    """Read a robot's log for the panels, with the column map next to it if any; return it and notes on its file.
-
-    Args:
-        ask: "log", one of `known_logs`, and "shift_s"; untrusted.
-    """
+    """Read the log that `ask` names ("log", "shift_s"; untrusted) and a column map next to it; return it and notes."""
     path, shift = _log_path(ask.get("log")), ask.get("shift_s") or 0.0
     if not isinstance(shift, int | float) or isinstance(shift, bool) or not abs(shift) < MAX_SHIFT:
         raise InputRefused("shift_s: expected a time in s")

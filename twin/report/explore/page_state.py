@@ -147,11 +147,7 @@ def parse_state(base: PageBase, state: Any) -> PageState:
 
 
 def adopt_state(base: PageBase, state: Any, accepted: Any) -> dict[str, Any]:
-    """Add the robot's accepted parameters to the state of an explorer page, as changed keys and faults.
-
-    Args:
-        accepted: parameters accepted in a session, see `twin.studies.shadow.live_view.accepted_values`; untrusted.
-    """
+    """Add a session's accepted parameters (untrusted, see `accepted_values`) to a page's state, as keys and faults."""
     k_s = parse_state(base, state).load().plant.k_s
     found = {**state, "set": dict(state.get("set") or {}), "faults": list(state.get("faults") or [])}
     for one in accepted:

@@ -293,8 +293,7 @@ class ExplorerServer:
 class RequestQueue:
     """Queue of one page's requests, answered one after the other; only the newest of each kind counts.
 
-    Attributes:
-        outdated: event that is set when a newer answer of the kind being answered is requested.
+    The event `outdated` is set when a newer answer of the kind being answered is requested.
     """
 
     def __init__(self) -> None:
@@ -413,11 +412,7 @@ class PageLink:
 
 
 def record_run(experiment: str, how: Mapping[str, Any], limits: JobLimits) -> Path:
-    """Record a run in its own process, write its report, and return its folder.
-
-    Args:
-        how: "drive", "body" and "settings" as for `twin run`.
-    """
+    """Record a run in its own process, write its report, return its folder; `how`: "drive", "body", "settings"."""
     folders: list[str] = []
 
     def on_note(note: dict[str, Any]) -> None:

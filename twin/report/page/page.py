@@ -270,10 +270,7 @@ def _accuracies(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget]) 
 
 
 def verdict_section(runs: Sequence[ReportRun], verdict: PageVerdict, key_numbers: Markup | None = None) -> Markup:
-    """Return the report's first section: headline, four numbers of each run or `key_numbers`, and remarks.
-
-    The player is next to it; all other numbers follow after the player.
-    """
+    """Return the first section, next to the player: headline, four numbers per run or `key_numbers`, remarks."""
     mark, look = VERDICT_LOOKS[verdict.good]
     parts = [element("p", f"{mark}{verdict.headline}", class_=f"headline {look}")]
     # more runs are compared in the table of measures
@@ -315,10 +312,7 @@ def numbers(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup:
 
 
 def events(run: ReportRun) -> Markup:
-    """Return the report's table of events; a click on a time moves the player.
-
-    Phases of tasks, which are many, are folded.
-    """
+    """Return the report's table of events, phases of tasks folded; a click on a time moves the player."""
     rows = {
         debug: [
             (element("button", f"{event.time:.3f} s", type="button", class_="at", data_t=f"{event.time:.9g}"),
@@ -436,10 +430,7 @@ def write_report(
 
 
 def report_page(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget] = ()) -> tuple[str, str]:
-    """Return (HTML, headline) of the report on runs; `budgets` is empty or has one budget per run.
-
-    The same recordings, summaries and budgets give the same text.
-    """
+    """Return (HTML, headline) of the report, equal for equal inputs; `budgets` is empty or has one budget per run."""
     judged = verdict(runs)
     with picture(runs, judged) as drawn:
         data, factor = _data(runs)

@@ -120,8 +120,7 @@ def scene(
 def surface(contact: Mapping[str, Any]) -> list[list[list[float]]]:
     """Return points of the untouched body surface in B, (PATCH_FIELDS + 1, PATCH_FIELDS + 1, 3), mm, apex central.
 
-    Args:
-        contact: [contact] of the experiment; shapes and axes as in `twin.robot.plant.contact`.
+    Shapes and axes of [contact] as in `twin.robot.plant.contact`.
     """
     tilts = SimpleNamespace(**{name: math.radians(contact.get(f"{name}_deg", 0.0)) for name in ("tilt", "tilt_x")})
     e_1, e_2, n = (np.array(axis) for axis in apex_frame(tilts))

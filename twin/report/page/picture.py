@@ -71,10 +71,7 @@ def drawing(draw: str, shown: object, size: int = 0) -> Iterator[Callable[[], by
 
 
 def _wait_until_done(process: GuardedProcess) -> bool:
-    """Wait for the process that draws the picture; return whether it succeeded.
-
-    If not, the caller draws the picture itself.
-    """
+    """Wait for the drawing process; return whether it succeeded. If not, the caller draws the picture itself."""
     while not process.gone and process.age < DRAW_TIMEOUT:
         for report in process.reports(POLL_INTERVAL):
             return "finished" in report

@@ -35,11 +35,7 @@ DRIVES_PAGE_FILE = "compare.html"
 
 
 def write_sweep_page(sweep: SweepRows, asked: SweepQuery, pictures: Mapping[str, Path], folder: Path) -> Path:
-    """Write the page of a sweep into `folder` and return its path. The same rows give the same text.
-
-    Args:
-        pictures: PNG files by the names of `PICTURE_CAPTIONS`.
-    """
+    """Write a sweep's page, the same for equal rows, into `folder`; `pictures`: PNG files by `PICTURE_CAPTIONS`."""
     path = folder / SWEEP_PAGE_FILE
     write_text(path, sweep_page(sweep, asked, pictures))
     return path

@@ -125,10 +125,7 @@ def comparison_sentences(runs: Sequence[ReportRun]) -> list[str]:
 
 
 def unscored_sentences(runs: Sequence[ReportRun]) -> list[str]:
-    """Describe the measures that a run lacks although another run has them, or for want of a series.
-
-    Without these sentences a missing measure could hide a loss.
-    """
+    """Describe the measures that a run lacks although another has them, or for want of a series: a loss may hide."""
     known = {name for run in runs for name in scored_values(run)}
     return [
         f"not scored{f' of {run.label}' if len(runs) > 1 else ''}: {', '.join(names)} ({why})"

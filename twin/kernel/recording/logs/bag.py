@@ -58,21 +58,13 @@ def is_bag(path: Path) -> bool:
 
 
 def read_bag(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
-    """Read all files of a ROS 2 bag as one log.
-
-    Args:
-        columns: see `log_from_topics`.
-    """
+    """Read all files of a ROS 2 bag as one log; `columns` as for `log_from_topics`."""
     topics, notes = bag_topics(path, columns)
     return log_from_topics(path, topics, columns, notes)
 
 
 def bag_topics(path: Path, columns: Mapping[str, MappedColumn]) -> tuple[dict[str, LoggedTopic], list[str]]:
-    """Read the topics of all files of a ROS 2 bag, and notes on missing data.
-
-    Args:
-        columns: columns whose topics' messages are kept.
-    """
+    """Read the topics of all files of a ROS 2 bag, with the messages of `columns`, and notes on missing data."""
     folder = os.path.isdir(path)
     files = _files(path) if folder else [path]
     notes = _missing_files(path, files) if folder else []

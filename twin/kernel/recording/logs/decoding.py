@@ -72,10 +72,7 @@ PATH_PART = re.compile(r'"([^"]+)"|([^.\[\]"][^.\[\]]*)|\[(\d+)\]')
 
 
 def decoder(channel: Channel, schema: Schema | None) -> Decoder | None:
-    """Create the message decoder of an MCAP channel; None for an unsupported encoding.
-
-    The decoder raises ValueError for invalid bytes, this function for an invalid schema.
-    """
+    """Create an MCAP channel's decoder, None for an unsupported encoding; ValueError for an invalid schema or bytes."""
     if channel.message_encoding == "json":
         return _decode_json
     if schema is None:
@@ -316,11 +313,7 @@ def _element(value: Any, index: int) -> Any:
 
 
 def _named_element(value: Any, rest: str, name: str, around: Sequence[Any]) -> tuple[Any, bool]:
-    """Find the element of the array `value` named `rest`, else `name`, by the names in the nearest enclosing message.
-
-    Returns:
-        The element, and whether its name is `rest`.
-    """
+    """Find the element `rest`, else `name`, of the array `value` by names in `around`; and whether it is `rest`."""
     choice = f"choose an element with [0] instead of .{name}"
     for message in reversed(around):
         for label in set(_field_names(message)).intersection(LABEL_FIELDS):

@@ -184,11 +184,7 @@ class Log:
     columns: Mapping[str, MappedColumn] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> LogSeries:
-        """Return the scalar series `name` of the log.
-
-        Raises:
-            LogError: missing, with the nearest names, or unreadable.
-        """
+        """Return the scalar series `name` of the log; LogError, with the nearest names, if missing or unreadable."""
         if name in self.left_out:
             raise LogError(self.left_out[name])
         if name not in self.series:
