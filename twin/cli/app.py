@@ -122,12 +122,9 @@ class _NumberRange(click.FloatRange):
 
 
 class CommandList(click.Group):
-    """A group of commands whose help lists them by section, each with its complete first sentence.
+    """A group of commands whose help lists them by `sections`, each with its complete first sentence.
 
-    Args:
-        name: name of the group; "" for all commands of twin.
-        sections: headings of the list, and the names below each.
-        default: command to use if the command line names none of the group.
+    The group of all commands is called ""; a command line that names no command gets `default`.
     """
 
     def __init__(

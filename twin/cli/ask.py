@@ -39,10 +39,8 @@ LIMIT_OPTIONS = ("limit_step", "limit_wall")
 def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
     """Run a study for a command: print its answers as text or JSON, and end the process with its exit code.
 
-    Raises:
-        SystemExit: the exit code is not 0.
-        InputRefused: limits of a process were given without a process (--isolate none).
-        TwinError: the study raised one, or an FMU ended its process; see `run_isolated` and `run_recording_job`.
+    SystemExit: the code is not 0; InputRefused: limits of a process without a process (--isolate none); TwinError: the
+    study raised one, or an FMU ended its process, see `run_isolated` and `run_recording_job`.
     """
     marked: Study = vars(function)["study"]
     own = inspect.signature(function).parameters

@@ -246,12 +246,8 @@ class CompileWatch:
 class TerminalDisplay:
     """Display of a command: progress on standard error if that is a terminal, results of runs on standard output.
 
-    Args:
-        as_json: whether results are printed as JSON.
-        loading: whether a run loads immediately; its compilation is then announced without a terminal too.
-
-    Attributes:
-        folder: folder of the current run; None before the first.
+    The results are JSON if `as_json`. A run that loads immediately announces its compilation without a terminal too.
+    `folder` is that of the current run; None before the first.
     """
 
     def __init__(self, as_json: bool = False, loading: bool = True):

@@ -188,13 +188,10 @@ def _entries_below(folder: str | os.PathLike[str]) -> Iterator["os.DirEntry[str]
 
 
 def evict(home: Path, most: int, names: re.Pattern[str] = _HASH_NAME) -> None:
-    """Remove the least recently used folders or files of the cache folder `home` until `most` remain; locked ones stay.
+    """Remove the least recently used entries of the cache folder `home` until `most` remain; locked ones stay.
 
-    Abandoned unfinished folders are removed too.
-
-    Args:
-        home: a `private_folder`.
-        names: names that count; other entries stay.
+    `home` is a `private_folder`; entries whose name does not match `names` stay. Abandoned unfinished folders are
+    removed too.
     """
     used: list[tuple[float, Path]] = []
     for entry in home.iterdir():

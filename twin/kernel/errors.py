@@ -76,9 +76,7 @@ def translate_disk_errors(
 ) -> Iterator[None]:
     """Raise errors of the disk in the block as `kind`, with one message: `a.csv: cannot be written: No space left`.
 
-    Args:
-        trouble: predicate of the message, such as "cannot be written".
-        caught: errors to translate; `PATH_ERRORS` if a path may contain a NUL.
+    `caught` has to be `PATH_ERRORS` if a path may contain a NUL.
     """
     try:
         yield
@@ -88,12 +86,10 @@ def translate_disk_errors(
 
 
 def nearest(got: str, known: Iterable[str], otherwise: str = "known are {}", most: int = 1) -> str:
-    """Return a hint from a misspelt name to the most similar known name: `did you mean 'kp_per_s'?`
+    """Return a hint from a misspelt name `got` to the most similar known name: `did you mean 'kp_per_s'?`
 
-    Args:
-        got: misspelt name. A known name that contains it as whole words is preferred to a similar one: a missing unit
-            is the most common error.
-        otherwise: result if no known name is similar; {} is replaced by all of them.
+    A known name that contains it as whole words comes first, as a missing unit is the most common error; `otherwise`
+    ({}: all known names) is the hint if none is similar.
     """
     names = list(known)
     close = close_matches(got, names, most)

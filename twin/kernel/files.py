@@ -45,14 +45,9 @@ quotes end with the line or the text, so that each character is scanned once."""
 
 
 def read_bytes(path: Path, limit: int = MAX_TEXT_BYTES, kind: str = "file") -> bytes:
-    """Read the regular file at `path`.
+    """Read the regular file at `path`, at most `limit` bytes; messages call it `kind`: "experiment file".
 
-    Args:
-        limit: maximum size (bytes).
-        kind: expected kind of file, for error messages: "experiment file".
-
-    Raises:
-        InputRefused: no such file, a folder, a pipe or a device, too large, unreadable.
+    InputRefused: no such file, a folder, a pipe or a device, too large, unreadable.
     """
     with open_regular(path, limit, kind) as file, translate_disk_errors(path, "cannot be read", InputRefused):
         return file.read(limit)

@@ -34,12 +34,7 @@ _loaded: set[str] = set()
 
 
 class Module(NamedTuple):
-    """LLVM module of a compiled function, as text, with the names of its functions.
-
-    Attributes:
-        symbol: name of the C entry point to add.
-        inner: numba's name of the inner function.
-    """
+    """LLVM module of a compiled function: C entry point `symbol` to add, numba's name of the `inner` one, and text."""
 
     symbol: str
     inner: str

@@ -55,11 +55,8 @@ def compiling() -> Iterator[None]:
 class Native:
     """Function with a C address, loaded from the store of compiled code or compiled when the address is first used.
 
-    Most runs need few of the functions, and compiling takes seconds.
-
-    Args:
-        returns, takes: types of result and arguments; a record cannot be returned.
-        function: its source. In compiled code, division by zero gives NaN or infinity, and exceptions are lost.
+    Most runs need few of the functions, and compiling takes seconds. A record cannot be returned. In compiled code,
+    division by zero gives NaN or infinity, and exceptions are lost.
     """
 
     def __init__(self, returns: str, takes: Sequence[Kind], function: Callable):

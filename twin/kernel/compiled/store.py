@@ -51,13 +51,9 @@ class UnnamedFunction(Exception):
 
 
 def name_of(function: Any, made_for: str) -> str:
-    """Derive the name of a function's object file from its code, types and compiler.
+    """Derive the name of a function's object file from its code and `made_for`: types, compiler, processor.
 
-    Args:
-        made_for: text that identifies its types, the compiler and the processor.
-
-    Raises:
-        UnnamedFunction: its source is in no file, or its closure contains an object without a known value.
+    UnnamedFunction: its source is in no file, or its closure contains an object without a known value.
     """
     modules: set[str] = set()
     variant = digest_of(f"{_identity(function, modules)}\0{made_for}".encode())

@@ -29,12 +29,10 @@ def step_function(
     """Decorate a function `f(m, t, h, u, y) -> int32` to be compiled as the step of a component.
 
     `m` is the component's memory, a record of dtype `memory`. `u` and `y` are records with a field for each port: a
-    step reads `u.force[2]` and writes `y.speed`, and a wrong name does not compile. The machine code is stored on disk.
-    Division by zero gives NaN or infinity; functions that `f` calls need `error_model="numpy"` for that.
-
-    Args:
-        inputs, outputs: its ports. If empty, because the component has no ports or they are known only at its
-            creation, `u` or `y` is a pointer to doubles, which `carray` converts to an array.
+    step reads `u.force[2]` and writes `y.speed`, and a wrong name does not compile. If there are no ports, or they are
+    known only at its creation, `u` or `y` is a pointer to doubles, which `carray` converts to an array. The machine
+    code is stored on disk. Division by zero gives NaN or infinity; functions that `f` calls need `error_model="numpy"`
+    for that.
     """
     u, y = (port_record(ports) if ports else "doubles" for ports in (inputs, outputs))
     takes: tuple[Kind, ...] = (memory, "double", "double", u, y)
@@ -79,11 +77,9 @@ def clock_cycles(typingctx):
 
 @dataclass(frozen=True)
 class Rewind:
-    """Functions that save and restore a component's state before a step is repeated, with the signature of a step.
+    """Functions, with the signature of a step, that save and restore a component's state before a step is repeated.
 
-    Attributes:
-        save_address, restore_address: `restore` restores the last saved state, any number of times.
-        self_address: memory argument of both functions.
+    `self_address` is the memory of both; the last saved state can be restored any number of times.
     """
 
     save_address: int
@@ -141,11 +137,9 @@ def piece_table(arrays: Iterable[np.ndarray], copy_address: int) -> np.ndarray:
 
 
 class Pieces:
-    """Pieces of component memory that are copied together to and from a row of bytes, to save and restore state.
+    """Pieces of component memory copied together to and from a row of `size` bytes, to save and restore state.
 
-    Attributes:
-        at: (address of a `PIECE_RECORD` table with offsets in the row, number of records).
-        size: size of the row (bytes).
+    `at`: address of a `PIECE_RECORD` table with offsets in the row, and number of records.
     """
 
     def __init__(self, arrays: Iterable[np.ndarray]):
@@ -197,11 +191,9 @@ class Holder(Protocol):
 
 @njit(cache=True)
 def step_status(status, outputs, part):
-    """Return the status of a step including the check of its outputs: 0 for success, else its status or `NOT_FINITE`.
+    """Return 0 for a successful step, else its status, or `NOT_FINITE` if an output is not `finite` and has to be.
 
-    Args:
-        outputs: address of the outputs.
-        part: record with `y_size` and `finite`, whether outputs have to be finite.
+    `outputs` is their address, `part` a record with `y_size` and `finite`.
     """
     if status != 0 and status != 1:
         return status

@@ -56,12 +56,9 @@ GRAMMAR_PHRASE = "numbers, t, pi, + - * / ** and " + ", ".join(FUNCTION_CODES)
 
 @dataclass(frozen=True)
 class Expression:
-    """A mathematical expression of time, compiled to a program of a stack machine.
+    """A mathematical expression of time, compiled to a program of a stack machine that needs `depth` places.
 
-    Attributes:
-        operations: operation codes, (n,) int64.
-        numbers: operand of each OP_NUMBER, (n,).
-        depth: required stack size.
+    `operations` are its codes, (n,) int64; `numbers` the operand of each OP_NUMBER, (n,).
     """
 
     text: str

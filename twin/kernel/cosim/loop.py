@@ -285,11 +285,9 @@ def _step(m, t, h, u, y):
 class LoopComponent(Component):
     """A component that solves an algebraic loop: its members, stepped as one continuous component.
 
-    Args:
-        inputs: ports; wires refer to them as "given.<port>".
-        members: continuous components of period 1, in the order of a pass.
-        wires: (output, input) pairs as in `System`, of whole ports; every input of a member has one.
-        cure: alternatives if it does not converge, for messages.
+    Members are continuous, of period 1, in the order of a pass; wires join whole ports as in `System`, one for every
+    input of a member, and refer to the loop's own inputs as "given.<port>". `cure` has alternatives, for messages, if
+    it does not converge.
     """
 
     INPUT_OWNER = "given"

@@ -121,9 +121,8 @@ def _call_all(m, table, mark, restoring):
 def _step_continuous(m, table, mark, timed, y, k, again, apart):
     """Step every continuous component that is due; return False, and set `status`, if one fails.
 
-    Args:
-        apart: whether newest outputs are separate; if False, all components are due and inputs are held. Passed as a
-            constant so that the compiler removes the unused branch.
+    Unless newest outputs are `apart`, all components are due and inputs are held. It is a constant, so that the
+    compiler removes the unused branch.
     """
     for c in range(np.uint64(m.sampled), np.uint64(m.components)):
         part = table[c]
@@ -138,15 +137,10 @@ def _step_continuous(m, table, mark, timed, y, k, again, apart):
 
 @njit(cache=True)
 def run_ticks(m, first, count, row):
-    """Run ticks `first` to `first + count - 1` of a co-simulation, at most to the last tick, and store output rows.
+    """Run ticks `first` to `first + count - 1` of a co-simulation, at most to the last tick; return the rows written.
 
-    Args:
-        m: record of `LOOP_RECORD`.
-        row: index of the first row to write.
-
-    Returns:
-        Rows written. If `m.culprit` is a component, its step failed at tick `first + rows written - 1` (continuous) or
-        `first + rows written` (sampled).
+    `m` is a `LOOP_RECORD`, `row` the index of the first row. If `m.culprit` is a component, its step failed at tick
+    `first + rows written - 1` (continuous) or `first + rows written` (sampled).
     """
     table, mark = carray(_parts_at(m.table), m.components), carray(integers_at(m.mark), 2)
     y = carray(doubles_at(m.y), 3 * m.width)

@@ -67,11 +67,9 @@ class Observer:
     def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         """Process the output rows and events of a completed slice of the simulation.
 
-        Args:
-            rows: shape (n, width of the system's outputs), overwritten by the next slice. The last slice may be
-                shorter, and empty if a component failed in its first tick.
-            events: events of the slice reported by earlier observers, by ascending tick; an observer may insert its
-                own.
+        Rows are (n, width of the system's outputs), overwritten by the next slice; the last slice may be shorter, and
+        empty if a component failed in its first tick. Earlier observers reported the events, by ascending tick; an
+        observer may insert its own.
         """
 
 
@@ -122,12 +120,7 @@ class SystemOwner(Protocol):
 
 @dataclass(frozen=True)
 class SimulationResult:
-    """Result of a simulation: its final state, failure and wall time.
-
-    Attributes:
-        stepping: wall time in the master (s).
-        first: tick at which stepping began.
-    """
+    """Final state and failure of a simulation begun at tick `first`, and wall time `stepping` in the master (s)."""
 
     simulation: Simulation
     stepping: float

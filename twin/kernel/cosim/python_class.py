@@ -56,12 +56,7 @@ class PythonModel(Protocol):
 
 
 class PythonComponent(Component):
-    """A Python object as a component; slower than a compiled one, as each step is a callback.
-
-    Args:
-        initial_outputs: None for zeros.
-        label: name in error messages; the class name by default.
-    """
+    """A Python object as a component; slower than a compiled one, as each step is a callback."""
 
     def __init__(
         self,
@@ -163,12 +158,9 @@ class InvalidOutputs(Exception):
 
 
 class DeclaredPorts:
-    """Input or output ports that a Python class declares, optionally in units of its own.
+    """Input or output ports that a Python class declares, in the order offered, optionally in units of its own.
 
-    Attributes:
-        ports: declared ports, in the order offered.
-        gains: port name -> SI value per value in the class's unit.
-        units: port name -> the class's unit.
+    `gains` has the SI value per value in the class's unit by port, `units` that unit.
     """
 
     def __init__(self, label: str, side: str, listed: Any, offered: Sequence[Port]):
@@ -199,13 +191,9 @@ def _gain(label: str, port: Port, unit: Any) -> float:
 
 
 class NamedPorts:
-    """Adapter from a class with dictionaries of values to a `PythonModel`; arrays are copied in both directions.
+    """Adapter from a model with `step(t, inputs) -> outputs`, dictionaries of values, to a `PythonModel`.
 
-    Args:
-        model: object with `step(t, inputs) -> outputs`.
-
-    Attributes:
-        stateful: `model`, which holds the state.
+    Arrays are copied in both directions. `stateful` is the model, which holds the state.
     """
 
     sampled = True
@@ -279,12 +267,7 @@ class PythonSource:
 def declared_ports(
     label: str, kind: Any, inputs: Sequence[Port], outputs: Sequence[Port], required: Sequence[str]
 ) -> tuple[DeclaredPorts, DeclaredPorts]:
-    """Check the ports that a Python component class or instance declares; return its (inputs, outputs).
-
-    Args:
-        inputs, outputs: ports offered by the part of the robot that it implements.
-        required: outputs that it must declare.
-    """
+    """Check the (inputs, outputs) that a Python component declares, of those offered and with those required."""
     for attribute in ("inputs", "outputs", "step"):
         if not hasattr(kind, attribute):
             raise InputRefused(f"{label}: has no '{attribute}'; expected inputs, outputs and step(t, inputs)")

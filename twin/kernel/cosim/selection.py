@@ -28,12 +28,9 @@ def _step(m, t, h, u, y):
 
 
 class Selection(Component):
-    """A component that exposes an inner component through wider ports.
+    """A component that exposes an inner component through wider ports; outer outputs that are not `given` are 0.
 
-    Args:
-        inputs, outputs: outer ports.
-        taken: index of the outer input value for each inner input value.
-        given: index of the outer output value for each inner output value; other outer outputs are 0.
+    For each inner input value, `taken` has the index of the outer one; `given` likewise for outputs.
     """
 
     def __init__(

@@ -22,13 +22,10 @@ Between = Literal["lines", "held"]
 
 @dataclass(frozen=True)
 class SampledSignal:
-    """A signal given by samples over time.
+    """A signal given by samples (n,) at non-decreasing times (s); it jumps where a time occurs twice.
 
-    Attributes:
-        t: times (s), non-decreasing, (n,); the value jumps where a time occurs twice.
-        values: shape (n,).
-        between: "lines" to interpolate linearly, "held" to hold each value until the next. The first and last value
-            extend beyond the samples.
+    Between them it is interpolated linearly ("lines"), or each value is "held" until the next. The first and last value
+    extend beyond the samples.
     """
 
     t: np.ndarray

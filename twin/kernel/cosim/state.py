@@ -68,9 +68,8 @@ class SavedContent(NamedTuple):
 class SavedState:
     """State of a system without addresses, which any process with the same system can restore.
 
-    Attributes:
-        inside: states held by FMUs, Python objects or other processes.
-        about: further JSON-compatible data, such as the identity of the run.
+    `inside` are states in FMUs, Python objects or other processes; `about` is other JSON data, such as the run's
+    identity.
     """
 
     tick: int
@@ -154,11 +153,9 @@ class SystemState:
         self._freed.atexit = False
 
     def saved(self, **about: Any) -> SavedState:
-        """Export the saved state for another process, with additional data `about` it.
+        """Export the state for another process, with data `about` it.
 
-        Raises:
-            InputRefused: a component's state cannot be serialised.
-            ComponentFailed: an FMU refuses.
+        InputRefused: a component's state cannot be serialised; ComponentFailed: an FMU refuses.
         """
         return self.places.export_state(self, about)
 
@@ -175,9 +172,7 @@ def holds_all(holder: Holder) -> bool:
 class StatePlaces:
     """Memory pieces and holders that together contain the state of a system, to save and restore it.
 
-    Args:
-        outputs: memory of all outputs, in one or several copies; empty if it belongs to another system.
-        inputs: memory of all inputs; likewise.
+    `outputs` and `inputs` are the memory of all of them, in one or several copies; empty if of another system.
     """
 
     def __init__(self, components: Sequence[Component], outputs: np.ndarray, inputs: np.ndarray):
@@ -292,11 +287,10 @@ class StatePlaces:
         return {(component, name) for component, name, _ in self._holders}
 
     def _split_state(self, saved: SavedState) -> tuple[list[SavedPiece], dict[tuple[str, str], bytes]]:
-        """Split a saved state into the memory pieces of this process, and the contents that its holders restore.
+        """Split a saved state into this process's memory pieces, and states by (component, holder name).
 
-        Returns:
-            The pieces, and (component, holder name) -> serialised state. A holder that saves its whole component, which
-            lives in another process, gets a `SavedState` with all pieces of the component.
+        A holder that saves its whole component, which lives in another process, gets a `SavedState` with all its
+        pieces.
         """
         pieces, left = list(saved.pieces), list(saved.inside)
         contents: dict[tuple[str, str], bytes] = {}

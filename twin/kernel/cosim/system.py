@@ -184,15 +184,10 @@ class System:
         return np.tile(valid, 3 if self.interpolates else 1 + self.has_separate_newest)
 
     def table(self, u: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Make the table of components for the compiled loop.
+        """Make the table of components for the compiled loop, `COMPONENT_RECORD` (number of components,).
 
-        Args:
-            u: memory of all inputs, (inputs_width,).
-            y: memory of all outputs, from `outputs`.
-
-        Returns:
-            `COMPONENT_RECORD` array, (number of components,); it contains addresses of `u`, `y` and this system
-            without keeping them alive.
+        `u` is the memory of all inputs, (inputs_width,), `y` that of all outputs, from `outputs`. The table contains
+        addresses of these and of this system without keeping them alive.
         """
         table = np.zeros(len(self.components), dtype=COMPONENT_RECORD)
         table["step"] = [c.step_address for c in self.components]

@@ -89,12 +89,7 @@ class FmuStates:
 
 
 class RememberedMessages:
-    """Saved lists of the messages that an FMU has reported, as a `Holder`.
-
-    Args:
-        instance: FMU instance, which reports each message once.
-        stepping: its step, which reports discarded steps once.
-    """
+    """Messages and discarded steps that an FMU and its step, which report each once, have reported, as a `Holder`."""
 
     def __init__(self, label: str, instance: Instance, stepping: Stepping):
         self._label, self._instance, self._stepping = label, instance, stepping

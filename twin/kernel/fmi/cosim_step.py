@@ -176,11 +176,9 @@ def _reached_time(s, instance, here, goal, close):
 
 @njit(cache=True)
 def continue_discarded_step(address, ramp, do_step, instance, t, h, final):
-    """Continue an FMU's discarded step from `t` in parts until `t` + `h`; return 0 or a failure status.
+    """Continue a discarded step from `t` in parts until `t` + `h`; return 0 or a failure status.
 
-    Args:
-        address: address of a `DISCARD_RECORD`.
-        ramp: address of a `RAMP_RECORD` whose inputs are set for each part; 0 if all inputs are held.
+    `address` is of a `DISCARD_RECORD`, `ramp` of a `RAMP_RECORD` with inputs to set for each part (0 if all are held).
     """
     s = carray(_shorter_at(address), 1)[0]
     close = 1e-9 * h
@@ -414,11 +412,8 @@ def _plan_clocks(e, clocks, ticked, n, t):
 def handle_events(address, n, t):
     """Enter an FMU's event mode at time `t`, handle the event and return to step mode; return 0 or a failure status.
 
-    Discrete inputs are taken from their buffers.
-
-    Args:
-        address: address of an `EVENTS_RECORD`.
-        n: step that begins at `t`, for clocks that tick; -1 if no input clock ticks.
+    Discrete inputs are taken from their buffers. `address` is of an `EVENTS_RECORD`, `n` the step that begins at `t`,
+    for clocks that tick; -1 if no input clock ticks.
     """
     e = carray(_events_at(address), 1)[0]
     clocks = carray(_clocks_at(e.clock_table), e.clocks)

@@ -88,9 +88,7 @@ def _complete_outputs(model: Any, root: Any) -> None:
 def feedthrough(description: "FmuDescription") -> tuple[dict[str, frozenset[str]], frozenset[str]]:
     """Return the direct feedthrough of each FMU output, by ModelStructure (FMI 2.0.4, 2.2.8; FMI 3.0, 2.4.8).
 
-    Returns:
-        (output name -> input names, outputs without declared dependencies). The latter are assumed to depend on all
-        inputs.
+    As (output name -> input names, outputs without declared dependencies, assumed to depend on all inputs).
     """
     inputs = frozenset(v.name for v in description.variables_of("input"))
     stated = {
@@ -110,14 +108,10 @@ def _is_true(text: str | None) -> bool:
 
 @dataclass(frozen=True)
 class FmuDescription:
-    """Description of an FMU that has passed all checks that need no binary.
+    """Description of an FMU that has passed all checks that need no binary; `model` is FMPy's.
 
-    Attributes:
-        compiler: compiler that built its library on this machine; "" if the library came with the FMU.
-        version: FMI version 1, 2 or 3.
-        identifier: model identifier, the name of the binary.
-        platforms: platform folders with binaries in the archive.
-        model: FMPy's description.
+    `version` is that of FMI, 1, 2 or 3; `identifier` the name of the binary; `platforms` the folders with binaries in
+    the archive; `compiler` what built its library on this machine, "" if that came with the FMU.
     """
 
     path: Path
@@ -238,13 +232,9 @@ _known: dict[tuple[Path, Kind | None], tuple[tuple[int, ...], FmuDescription]] =
 def described(file: Path, kind: Kind | None = None, lenient: bool = False) -> FmuDescription:
     """Read and check the description of an FMU; cached in the process while the file is unchanged.
 
-    Args:
-        kind: kind to use; None for co-simulation if offered, else model exchange.
-        lenient: whether it may need its authoring tool.
-
-    Raises:
-        InputRefused: not a complete zip file, an unreadable model description, no co-simulation of FMI 1.0, 2.0 or 3.0
-            and no model exchange of 2.0 or 3.0, not of that kind, needs a tool, or no binary for this platform.
+    Without a `kind` it is co-simulation if offered, else model exchange; if `lenient`, it may need its authoring tool.
+    InputRefused: not a complete zip file, an unreadable model description, no co-simulation of FMI 1.0, 2.0 or 3.0 and
+    no model exchange of 2.0 or 3.0, not of that kind, needs a tool, or no binary for this platform.
     """
     # unlike Path.is_file, os.path.isfile does not raise for a name that is too long
     if not os.path.isfile(file):

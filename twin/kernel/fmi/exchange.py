@@ -215,11 +215,9 @@ class _Fmi3(Fmi3):
 
 
 class ModelExchange(Instance):
-    """An FMU instance for model exchange; arguments, errors and attributes as of `Instance`.
+    """An FMU instance for model exchange, with numbers of states and event indicators; else as `Instance`.
 
-    Attributes:
-        states, indicators: number of continuous states and event indicators.
-        next_event: time event requested at the start (s); infinity without one.
+    `next_event` is the time event requested at the start (s); infinity without one.
     """
 
     _standards: ClassVar[Mapping[int, Any]] = {2: Fmi2(FMU2Exchange), 3: _Fmi3()}

@@ -135,12 +135,9 @@ def announce_call(file: str, instance: str, function: str) -> Iterator[None]:
 def c_function(*kinds: str, returns: str = "status") -> Any:
     """Create a function (address, (arguments)) for compiled code that calls the C function at that address.
 
-    A status is returned as a 64-bit integer: 0 .. 5 unchanged, any other value as `INVALID_STATUS` plus the unsigned
-    status shifted left by `STATUS_WIDTH` bits.
-
-    Args:
-        kinds: argument types: "pointer", "double", "size" (64 bit), "int" (32 bit), "byte".
-        returns: "status", "int" or "pointer".
+    Arguments are "pointer", "double", "size" (64 bit), "int" (32 bit), "byte"; it returns "status", "int" or "pointer".
+    A status is a 64-bit integer: 0 .. 5 unchanged, any other value as `INVALID_STATUS` plus the unsigned status shifted
+    left by `STATUS_WIDTH` bits.
     """
 
     @intrinsic
@@ -223,11 +220,8 @@ def explain_status(
 ) -> str:
     """Describe a failure status of an FMU's step, as a verb phrase for an error message.
 
-    Args:
-        functions: further function names by base of the status.
-        value: time or interval that the FMU returned with the failure (s).
-        message: last message that the FMU logged.
-        other: status returned if it is outside the standard.
+    `functions` has further names by base of the status, `value` the time or interval (s) that the FMU returned with it,
+    `message` its last log message, `other` a status outside the standard.
     """
     step, update = f"{prefix}DoStep", f"{prefix}UpdateDiscreteStates"
     sentences = {

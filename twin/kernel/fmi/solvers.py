@@ -213,12 +213,7 @@ def time_tolerance(t):
 
 @njit(cache=True)
 def handle_event(m, u, jumped):
-    """Handle an event of a model-exchange FMU at the present time, in event mode; return 0 or a failure status.
-
-    Args:
-        u: address of the inputs.
-        jumped: whether the inputs have to be set.
-    """
+    """Handle an event at the present time, in event mode, and set inputs (address `u`) if `jumped`; return a status."""
     status = call_instance(m.enter_event_mode, (m.instance,))
     if status > 1:
         return EVENT_MODE_FAILED + status
@@ -319,11 +314,9 @@ def complete_step(m):
 
 
 class Solver(NamedTuple):
-    """Choice of the integration method for the equations of a model-exchange FMU.
+    """Integration method of a model-exchange FMU: "cvode" with error control, for all equations, or "rk4".
 
-    Attributes:
-        method: "cvode" with error control, for all equations; "rk4" with a constant step.
-        step: maximum step of "rk4" (s); None for one per communication step.
+    "rk4" has a constant step of at most `step` (s); None for one per communication step.
     """
 
     method: Literal["cvode", "rk4"] = "cvode"
@@ -477,13 +470,8 @@ def integrate_cvode(m, stop):
 class Cvode:
     """A CVODE solver of SUNDIALS, with its state vector, Jacobian and root functions.
 
-    Args:
-        x: states, (n,), which the solver changes in place.
-        absolute: absolute tolerance of each state, (n,).
-        user: address of the memory that is passed to the equations.
-
-    Attributes:
-        addresses: addresses for the compiled step, by field of `SOLVER_MEMORY`.
+    It changes the states `x` (n,) in place, with `absolute` tolerances (n,), and passes the memory at address `user` to
+    the equations. `addresses` are for the compiled step, by field of `SOLVER_MEMORY`.
     """
 
     def __init__(self, x: np.ndarray, absolute: np.ndarray, tolerance: float, indicators: int, user: int):

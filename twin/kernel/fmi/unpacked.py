@@ -132,10 +132,8 @@ def install_compiled(digest: str, content: Path) -> None:
 def compile_sources(file: Path, digest: str, model: Any, binary: str) -> CompiledLibrary:
     """Compile the sources of an FMU for this platform, unless they are compiled already.
 
-    Args:
-        file: FMU whose archive is checked.
-        model: its description (FMPy's) with build configurations.
-        binary: path that its library would have in the archive.
+    `model` is FMPy's description with build configurations, `binary` the path that its library would have in the
+    archive.
     """
     done = compiled_library(digest, binary)
     if done is not None:
@@ -233,12 +231,7 @@ def _source_path(file: Path, scratch: Path, name: str | None) -> Path:
 
 
 def compiler_command(wanted: Path, plus: bool = False) -> list[str]:
-    """Return the command of the platform's C or C++ compiler, else of ziglang's.
-
-    Args:
-        wanted: file to be built, for the error message.
-        plus: whether it contains C++.
-    """
+    """Return the command of the platform's C (or C++, if `plus`) compiler, else of ziglang's, to build `wanted`."""
     for name in ("c++", "g++", "clang++") if plus else ("cc", "gcc", "clang"):
         found = shutil.which(name)
         if found:

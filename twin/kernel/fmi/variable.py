@@ -100,9 +100,8 @@ def conversion(unit: str, definitions: list[Any]) -> Conversion | None:
 def si_conversion(unit: str, stated: Conversion | None = None) -> Conversion | None:
     """Return the conversion of `unit` to SI, by its definition in a file or its well-known name; None if unknown.
 
-    Args:
-        stated: definition in a file, used unless the well-known unit counts turns. A definition as 1/s with the factor
-            1/60 (rpm as a frequency) or 1 (Hz) counts turns.
+    A `stated` definition is used unless the well-known unit counts turns. A definition as 1/s with the factor 1/60 (rpm
+    as a frequency) or 1 (Hz) counts turns.
     """
     if unit.strip() in ENERGY_UNITS:
         return None

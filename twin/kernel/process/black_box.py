@@ -122,12 +122,9 @@ class Announcer:
 class Participant:
     """A component of the running job, as described to the supervisor for error messages.
 
-    Attributes:
-        name, label: see `twin.kernel.cosim.component.Component`.
-        function: FMI function that its step calls; empty if it is no FMU.
-        sampled: whether it is evaluated at a time rather than stepped over an interval.
-        first_input: index of its first input in the black box.
-        inputs: (name, size, unit) of each input port.
+    `function` is the FMI function that its step calls, empty if it is no FMU; `sampled`: evaluated at a time rather
+    than stepped over an interval; `first_input` is an index in the black box; `inputs` are (name, size, unit) of each
+    port.
     """
 
     name: str
@@ -149,12 +146,9 @@ class SteppedSystem:
 
 @dataclass
 class JobAccount:
-    """A supervisor's knowledge of a job, collected from its reports.
+    """A supervisor's knowledge of a job from its reports: the system `stepped`, None while components are created.
 
-    Attributes:
-        stepped: the system being stepped; None while components are being created.
-        unstepped: phrase for the time in error messages while `stepped` is None.
-        helpers: component -> pid of its process.
+    `unstepped` is a phrase for that time, `helpers` the pid of the process of each component that has one.
     """
 
     stepped: SteppedSystem | None = None
@@ -203,11 +197,8 @@ def failure_message(
 ) -> str:
     """Compose the error message about a failed job: file, instance, function, simulated time, last inputs, remedy.
 
-    Args:
-        manner: verb phrase for the end, see `exit_phrase`.
-        remedy: advice as a sentence; None for the advice about a broken FMU.
-        printed: last output of the job.
-        culprit: name of the component to blame; None for the one at work.
+    `manner` is as from `exit_phrase`, `remedy` a sentence (None: about a broken FMU), `printed` the job's last output,
+    `culprit` the component to blame (None: the one at work).
     """
     participant = _find_participant(account.stepped, culprit) if culprit else account.stepping(box)
     if (call := box.call()) and not culprit:

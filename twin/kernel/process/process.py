@@ -46,12 +46,8 @@ def environment() -> dict[str, str]:
 class GuardedProcess:
     """A process in its own process group that runs one job; a context manager that ends the whole group.
 
-    Args:
-        job: function name, see `load_function`; the process imports it immediately and calls it after `start`.
-        helper: whether it belongs to a guarded process, the current one, and so shares its group and output.
-
-    Attributes:
-        gone: whether it will send no more reports.
+    It imports the job (see `load_function`) immediately and calls it after `start`. A `helper` of a guarded process,
+    the current one, shares its group and output. Once `gone`, it sends no more reports.
     """
 
     def __init__(self, job: str, helper: bool = False):

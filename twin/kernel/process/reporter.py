@@ -21,12 +21,7 @@ Show = Callable[[int, int], None]
 
 
 class ProcessProxy(Component):
-    """A component of this process that represents a component that runs in another process.
-
-    Attributes:
-        function: its `called_function`.
-        code: names of its compiled functions that are part of twin.
-    """
+    """A component that represents one in another process: its `called_function`, names of its compiled functions."""
 
     function: str
     code: tuple[str, ...] = ()
@@ -79,13 +74,9 @@ def own_reporter() -> Reporter:
 
 
 class PipeReporter:
-    """Reporter of a job in a guarded process: writes a JSON object per line, and the black box.
+    """Reporter of a job in a guarded process: writes a JSON object per line, and the `BlackBox` of descriptor `box`.
 
-    Args:
-        box: file descriptor of the supervisor's `BlackBox`.
-
-    Attributes:
-        announcer: writer of calls to the black box; dozens per run are too many to wake the supervisor for.
+    `announcer` writes calls to the black box; dozens per run are too many to wake the supervisor for.
     """
 
     def __init__(self, pipe: TextIO, box: int):

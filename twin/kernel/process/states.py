@@ -47,12 +47,9 @@ MISMATCH_REASONS = {
 
 
 def identity(system: System, packages: Mapping[str, str], files: Mapping[str, str], made_of: Any) -> dict[str, Any]:
-    """Return the identity of a run, to match saved states: everything that the bits of its signals depend on.
+    """Return a run's identity, to match saved states: all that its bits depend on.
 
-    Args:
-        packages: package -> version.
-        files: name -> SHA-256 of FMUs and other files.
-        made_of: JSON-serialisable definition of the system.
+    Versions of `packages`, SHA-256 of FMUs and other `files`, and the system's JSON-serialisable definition `made_of`.
     """
     digest = hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()
     # the name of a compiled function contains a digest of all the source that it reaches
@@ -106,15 +103,10 @@ def _time_text(saved: SavedState) -> str:
 
 
 class RunStates(Observer):
-    """Observer that saves states of a run to its recording.
+    """Observer that saves states of a run, whose `identity` is `about`, to its recording; a tick lasts `tick` s.
 
-    Args:
-        tick: duration of a tick (s).
-        about: `identity` of the run.
-        lasting: observers whose state is saved too, by name; the recorder is one of them.
-
-    Attributes:
-        lacking: why no states are saved, as a sentence; "" if they are.
+    The state of observers in `lasting` is saved too; the recorder is one of them. `lacking` says why no states are
+    saved, as a sentence; "" if they are.
     """
 
     def __init__(
@@ -179,13 +171,7 @@ class RunStates(Observer):
 
 
 def state_ticks(times: Iterable[float], every: float | None, tick: float, last: int) -> set[int]:
-    """Compute the ticks of a run for which its state is saved, from times and an interval.
-
-    Args:
-        times: times of states (s).
-        every: interval of further states (s); None for no more.
-        tick: duration of a tick (s).
-    """
+    """Compute the ticks at which a run's state is saved: at `times` (s), and `every` interval (s; None for none)."""
     ticks = {round(t / tick) for t in times}
     if every is not None:
         step = max(1, round(every / tick))
@@ -262,13 +248,10 @@ def simulate_saving(
 
 @dataclass(frozen=True)
 class StoredState:
-    """A saved state of a run, found in a recording.
+    """An encoded state of a run at a simulation time (s), found in a recording.
 
-    Attributes:
-        time: simulation time of the state (s).
-        content: encoded state.
-        branch: whether the restored run may have another experiment.
-        alive: components of that experiment that are missing in the state, by name; they are at its tick.
+    `branch`: the restored run may have another experiment; `alive` are its components that the state lacks, at its
+    tick.
     """
 
     recording: Path

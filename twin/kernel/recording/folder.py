@@ -71,11 +71,7 @@ def claim_run_folder(folder: Path) -> Path:
 
 
 def recording_in(path: Path) -> Path:
-    """Find the recording at `path`: an .mcap file, a run's folder, or an experiment's folder (its latest run).
-
-    Raises:
-        RecordingError: no recording found.
-    """
+    """Find the recording at `path`, .mcap file or folder (of an experiment: its latest run), else RecordingError."""
     # Path.is_file raises for a name that is too long
     if os.path.isfile(path):
         return path
@@ -94,14 +90,7 @@ def recording_in(path: Path) -> Path:
 
 
 class Output:
-    """An append-only file that is renamed to `path` when it is complete.
-
-    Attributes:
-        path: path of the finished file.
-        partial: path of the growing file.
-        size: bytes appended.
-        crc: CRC-32 of all appended bytes.
-    """
+    """An append-only file, `partial` while it grows, renamed to `path` when complete; bytes appended, their CRC-32."""
 
     def __init__(self, path: Path) -> None:
         """Create the partial file for appending, replacing an existing one."""
@@ -118,12 +107,10 @@ class Output:
         return self._file is None
 
     def append(self, data: bytes | Iterable[bytes]) -> int:
-        """Append all of `data` to the file, in one piece or several, or nothing; return its offset in the file.
+        """Append all of `data`, in one piece or several, or nothing, to the file; return its offset in the file.
 
-        After a failure or an interrupt, the file is truncated to its size before `data` and closed.
-
-        Raises:
-            RecordingWriteError: disk full, file too large, or file closed.
+        After RecordingWriteError (disk full, too large, closed) or an interrupt, the file is truncated to its former
+        size and closed.
         """
         if self._file is None:
             raise RecordingWriteError(f"{self.partial}: the recording is closed")

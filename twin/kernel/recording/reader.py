@@ -39,12 +39,7 @@ TIME_ROUNDING = 2
 
 @dataclass(frozen=True, repr=False)
 class Stream:
-    """All messages of one numeric topic of a recording.
-
-    Attributes:
-        fields: fields in the order of the file's schema.
-        records: (n, layout.stride) uint8.
-    """
+    """All messages of one numeric topic: fields in the order of the schema, records (n, layout.stride) uint8."""
 
     fields: tuple[Field, ...]
     layout: MessageLayout
@@ -65,11 +60,8 @@ class Stream:
 class Recording:
     """Contents of a recording: `recording["arm.tip"]`, `recording.time("arm")`.
 
-    Attributes:
-        streams: numeric topics by name, without the leading slash.
-        metadata: name -> key -> text; records of one name are merged, later keys win.
-        complete: whether the file was finished and is undamaged.
-        note: why the recording is incomplete and how far it was read; empty if complete.
+    `streams` are numeric topics without the leading slash; `metadata` is name -> key -> text, records of one name
+    merged, later keys win; `complete`: finished and undamaged, else `note` says why not and how far it was read.
     """
 
     path: Path
@@ -132,12 +124,9 @@ class Recording:
 
 
 def read_metadata(path: Path) -> dict[str, dict[str, str]]:
-    """Read the metadata of a recording's file, finished or not: name -> key -> text.
+    """Read the metadata of a recording's file, finished or not: name -> key -> text; else RecordingError.
 
     Skips samples and checks nothing, unlike `read`.
-
-    Raises:
-        RecordingError: it cannot be read, or is no MCAP file.
     """
     found: dict[str, dict[str, str]] = {}
     for body in _record_bodies(path, Opcode.METADATA):
@@ -152,10 +141,7 @@ def read_metadata(path: Path) -> dict[str, dict[str, str]]:
 def attachments(path: Path, media_type: str) -> Iterator[tuple[float, bytes]]:
     """Yield (simulation time in s, content) of each complete attachment of `media_type` in a recording.
 
-    The file may be unfinished. Skips samples, and attachments that fail their CRC.
-
-    Raises:
-        RecordingError: it cannot be read, or is no MCAP file.
+    The file may be unfinished. Skips samples, and attachments that fail their CRC. RecordingError: it cannot be read.
     """
     for body in _record_bodies(path, Opcode.ATTACHMENT):
         try:

@@ -98,13 +98,8 @@ class EventLog(Observer):
 class Recorder(EventLog):
     """Observer that records a run: passes rows, drawings and events to `writer`, block by block.
 
-    Args:
-        streams: topics of `writer` with their columns.
-        drawings: function of the tick of a block's first row and its rows; returns (topic, tick, rows) of each drawing.
-        changed: function that returns the first manual change during the run, "" before it; recorded as metadata.
-
-    Attributes:
-        writing: wall time spent recording (s).
+    `drawings` returns (topic, tick, rows) of each drawing for the tick of a block's first row and its rows; `changed`
+    the first manual change during the run, "" before it, recorded as metadata. `writing` is the wall time spent (s).
     """
 
     def __init__(

@@ -136,12 +136,7 @@ class Records:
     def channel_records(self, channel: int, count: int, first_sequence: int, stride: int) -> np.ndarray | None:
         """Return the `count` records of `channel`, (count, stride) uint8; None if their sequence numbers are wrong.
 
-        Args:
-            first_sequence: expected sequence number of the first record; the rest must count up from it.
-            stride: bytes of each record.
-
-        Raises:
-            ValueError: a record has another length.
+        These must count up from `first_sequence`. ValueError: a record has not `stride` bytes.
         """
         content, table = self._addresses
         records = np.empty((count, stride), dtype=np.uint8)
@@ -153,12 +148,7 @@ class Records:
 
 @dataclass(eq=False)
 class Damage(Exception):
-    """Error that bytes of a recording differ from those written.
-
-    Attributes:
-        position: offset in the file of the damaged record.
-        reason: reason as half a sentence.
-    """
+    """Error that bytes of a recording differ from those written: offset of the record, reason as half a sentence."""
 
     position: int
     reason: str
@@ -166,13 +156,10 @@ class Damage(Exception):
 
 @dataclass
 class Scan:
-    """Sequential reader of the MCAP records of a recording's file, which checks them.
+    """Sequential reader of the MCAP records of a recording's file, which checks them; `position` is their end so far.
 
-    Attributes:
-        complete: after `contents` is exhausted, whether the file has the ending of a finished one.
-        rest: bytes at the end that make no complete record.
-        statistics: statistics record of the file; None if missing or if the file is not complete.
-        position: offset of the end of the records read so far.
+    After `contents`, `complete` says whether the file has the ending of a finished one; `rest` are bytes at the end
+    that make no complete record; `statistics` is the file's record, None if missing or not complete.
     """
 
     file: BinaryIO
@@ -182,12 +169,9 @@ class Scan:
     position: int = 0
 
     def contents(self) -> Iterator[tuple[int, bytes | Metadata]]:
-        """Yield the checked contents of chunks and the metadata records of the file, each with its record's offset.
+        """Yield checked chunks' contents and metadata records, each with its offset, to the end of an unfinished file.
 
-        Ends where an unfinished file ends.
-
-        Raises:
-            Damage: the first record that fails a check.
+        Damage: the first record that fails a check.
         """
         size = self.file.seek(0, os.SEEK_END)
         self.file.seek(max(0, size - len(MCAP0_MAGIC)))
@@ -291,12 +275,7 @@ class Event:
 
 @dataclass
 class TopicSeries:
-    """The messages of one numeric topic, collected in the order of the file.
-
-    Attributes:
-        fields: fields of the file's schema.
-        parts: records of each chunk, (n, layout.stride) uint8.
-    """
+    """The messages of a numeric topic, in the order of the file: `parts` of each chunk, (n, layout.stride) uint8."""
 
     fields: tuple[Field, ...]
     layout: MessageLayout
@@ -315,11 +294,8 @@ class TopicSeries:
 class Contents:
     """Schemas, channels and messages of a recording's chunks read so far.
 
-    Attributes:
-        series: numeric topics by channel number.
-        topics: topic names, without the leading slash, by channel number.
-        foreign: channel numbers of topics for viewers and other senders, whose messages are skipped.
-        counts: messages so far by channel number, i.e. the next expected sequence number.
+    Topics are by channel number and without the leading slash; messages of `foreign` channels, for viewers and other
+    senders, are skipped. `counts` are messages so far, i.e. the next expected sequence number.
     """
 
     series: dict[int, TopicSeries] = field(default_factory=dict)
@@ -333,9 +309,8 @@ class Contents:
     def add(self, position: int, content: bytes) -> None:
         """Add all messages of a chunk, which begins at `position` in the file; add nothing if a check fails.
 
-        Raises:
-            Damage: messages that precede the chunk's are missing.
-            ValueError, KeyError, struct.error, McapError, DecodeError: not in the layout of `Writer`.
+        Damage: messages that precede the chunk's are missing. ValueError, KeyError, struct.error, McapError,
+        DecodeError: not in the layout of `Writer`.
         """
         records = Records(content)
         is_message = records.table[:, CHANNEL_COLUMN] >= 0

@@ -67,12 +67,9 @@ class BlockShape(NamedTuple):
 
 
 class PendingMessages:
-    """Message records of several channels that wait for a chunk, block after block in one memory.
+    """Message records of several channels that wait for a chunk, block after block, `size` bytes at `address`.
 
-    Attributes:
-        times: log times of each block, ns, (n,) int64, ascending.
-        size: bytes of all records.
-        address: address of the first record.
+    `times` has the log times of each block, ns, (n,) int64, ascending.
     """
 
     def __init__(self) -> None:
@@ -113,12 +110,9 @@ class PendingMessages:
 class Piece:
     """Consecutive message records that become one chunk. Times are relative to the first of the merged messages.
 
-    Attributes:
-        content: range of its bytes in the merged records.
-        start, end: log times of the first and of the last message, ns.
-        entries: log times and offsets in this piece, channel after channel, (n, 2) uint64.
-        channels: (channel number, front of its index record, range of its entries in the bytes of `entries`) of each
-            channel.
+    `content` is the range of its bytes in the merged records; `start` and `end` are log times of the first and the last
+    message, ns; `entries` log times and offsets in this piece, channel after channel, (n, 2) uint64; `channels`
+    (number, front of its index record, range of its entries in the bytes of `entries`) of each.
     """
 
     content: slice
@@ -128,26 +122,20 @@ class Piece:
     channels: tuple[tuple[int, bytes, slice], ...]
 
     def indexes(self, begin: int, shift: int) -> dict[int, bytes]:
-        """Encode the MCAP MessageIndex records of the chunk, by channel.
+        """Encode the MCAP MessageIndex records of the chunk, by channel; messages follow `shift` bytes of the chunk.
 
-        Built from arrays: mcap's own MessageIndex packs entry by entry and would dominate the cost of writing.
-
-        Args:
-            begin: log time of the first of the merged messages, ns.
-            shift: bytes of the chunk before the messages.
+        `begin` is the log time of the first of the merged messages, ns. Built from arrays: mcap's own MessageIndex
+        packs entry by entry and would dominate the cost of writing.
         """
         own = (self.entries + np.array([begin, shift], dtype="<u8")).tobytes()
         return {channel: head + own[where] for channel, head, where in self.channels}
 
 
 class MergedRecords(NamedTuple):
-    """Message records of several channels merged in order of time.
+    """Message records (bytes,) uint8 of several channels in order of time; `begin` is the first log time, ns.
 
-    Attributes:
-        begin: log time of the first message, ns.
-        content: the records, one after another, (bytes,) uint8.
-        pieces: chunks of at most about `MAX_CHUNK_BYTES` bytes, cut between ticks, so that every topic of a truncated
-            file ends at the same tick.
+    Pieces are chunks of at most about `MAX_CHUNK_BYTES` bytes, cut between ticks, so that every topic of a truncated
+    file ends at the same tick.
     """
 
     begin: int
@@ -180,14 +168,9 @@ def _scatter(content, source, blocks, number, places, messages):
 
 
 class _MergeOrder:
-    """Order of message records of some blocks, merged by time.
+    """Order of message records of some blocks, merged by time, in `pieces` as of `MergedRecords`.
 
-    Args:
-        places: destination offset of each record, block after block, (n,) int64.
-
-    Attributes:
-        pieces: see `MergedRecords`.
-        table: arguments of `_scatter`.
+    `places` are the destination offsets, block after block, (n,) int64; `table` are arguments of `_scatter`.
     """
 
     def __init__(self, shapes: Sequence[BlockShape], places: np.ndarray, pieces: tuple[Piece, ...]):
@@ -231,13 +214,9 @@ def _piece(since: np.ndarray, channels: np.ndarray, offsets: np.ndarray) -> Piec
 
 @dataclass
 class OpenTopic:
-    """State of a topic while a recording is written.
+    """State of a topic, with a message every `period` ticks of `width` numbers, while a recording is written.
 
-    Attributes:
-        period: ticks from one message to the next.
-        width: numbers in a row.
-        fields: fields of a numeric topic; empty for a form.
-        next_tick: earliest tick of its next row.
+    `fields` are empty for a form; `next_tick` is the earliest of its next row.
     """
 
     channel: int
@@ -258,12 +237,9 @@ class OpenTopic:
 
 @dataclass(frozen=True)
 class ForeignTopic:
-    """A recorded topic whose messages are stored unchanged, in the encoding of their sender.
+    """A recorded topic (`/joint_states`) whose messages are stored unchanged, in the encoding of their sender (`cdr`).
 
-    Attributes:
-        name: topic name as received: `/joint_states`.
-        encoding: message encoding: `cdr`.
-        type_name, schema_encoding, definition: message type: `sensor_msgs/msg/JointState`, `ros2msg`, its text.
+    `type_name`, `schema_encoding`, `definition`: `sensor_msgs/msg/JointState`, `ros2msg`, its text.
     """
 
     name: str
@@ -329,15 +305,11 @@ class Writer:
             self.write_metadata(name, entries)
 
     def write(self, topic: str, first_tick: int, rows: np.ndarray) -> None:
-        """Record rows of numbers of `topic`, for the evenly spaced ticks from `first_tick` on.
+        """Record rows of numbers of `topic`, for the evenly spaced ticks from `first_tick` on, after its rows so far.
 
         Call once per topic and slice of time; a second call for a topic begins the next slice. Messages of a slice are
-        in order of time across topics, at equal times in the order of the calls.
-
-        Args:
-            first_tick: tick of the first row; after the topic's rows written so far.
-            rows: (n, sum of the sizes of the topic's fields) float64, columns in the order of the fields; (n, width)
-                for a form.
+        in order of time across topics, at equal times in the order of the calls. Rows are (n, sum of the sizes of the
+        topic's fields) float64, columns in the order of the fields; (n, width) for a form.
         """
         opened = self._topics[topic]
         if rows.ndim != 2 or rows.shape[1] != opened.width:

@@ -48,12 +48,7 @@ Implementation = Literal["any", "CoSimulation", "ModelExchange", "ScheduledExecu
 
 @dataclass(frozen=True)
 class Annotation:
-    """A tool-specific annotation of an SSP element.
-
-    Attributes:
-        type: name in reverse domain notation, "org.openmodelica".
-        content: XML of its content; "" if empty.
-    """
+    """A tool's annotation of an SSP element: reverse domain name, "org.openmodelica", and XML content, "" if empty."""
 
     type: str
     content: str = ""
@@ -84,11 +79,9 @@ class UnitDefinition:
 
 @dataclass(frozen=True)
 class Transformation:
-    """A transformation of a connection's value after unit conversion: factor * value + offset.
+    """A connection's transformation after unit conversion: factor * value + offset, or another one in SSP's words.
 
-    Attributes:
-        factor, offset: coefficients of a LinearTransformation.
-        table: SSP name of a transformation that is not linear, "BooleanMappingTransformation"; "" if it is linear.
+    `table` is its SSP name, "BooleanMappingTransformation"; "" if it is linear.
     """
 
     factor: float = 1.0
@@ -101,15 +94,12 @@ IDENTITY_TRANSFORMATION = Transformation()
 
 @dataclass(frozen=True)
 class ParameterValue:
-    """A value that SSP assigns to a parameter or another variable before a run.
+    """A value that SSP assigns before a run to a variable, named relative to its component or system: "plant.k_s".
 
-    Attributes:
-        name: relative to the component or system it is for: "plant.k_s".
-        type: "Real", "Integer", "Boolean", "String", "Enumeration", "Binary", or a type of FMI 3.0: "Float64".
-        values: one value, or the elements of an array: numbers (0.0 and 1.0 for Boolean), text for String and for an
-            item of an Enumeration, hexadecimal digits for Binary.
-        unit: unit of a real number; "" for the unit of the target variable.
-        description: source of the value, or "".
+    The type is "Real", "Integer", "Boolean", "String", "Enumeration", "Binary", or of FMI 3.0: "Float64". Values are
+    one or the elements of an array: numbers (0.0 and 1.0 for Boolean), text for String and for an item of an
+    Enumeration, hexadecimal digits for Binary. The unit "" is that of the target; `description` is the source of the
+    value, or "".
     """
 
     name: str
@@ -160,12 +150,7 @@ class ParameterMapping:
 
 @dataclass(frozen=True)
 class ParameterBinding:
-    """Assignment of parameter values to an SSP component, or to all components of a system.
-
-    Attributes:
-        prefix: prepended to the name of each value.
-        mapping: None if each value has the name of its variable.
-    """
+    """Parameter values for an SSP component, or all of a system: names get `prefix`; no `mapping`: equal names."""
 
     parameters: ParameterSet
     prefix: str = ""
@@ -289,13 +274,10 @@ def transformation_of(element: ET.Element, where: str) -> Transformation:
 
 @dataclass(frozen=True)
 class Connector:
-    """A connector (input, output or parameter) of an SSP component or system.
+    """A connector (input, output or parameter) of an SSP component (a variable of its FMU) or system.
 
-    Attributes:
-        name: name of the variable, if the component is an FMU.
-        type: "Real", "Float64", "Integer" ...; "" for the type of the variable.
-        unit: "" for the unit of the variable.
-        dimensions: sizes of an array (SSP 2.0): numbers, or names of connectors that provide them.
+    The type is "Real", "Float64", "Integer" ..., it and the unit are "" for those of the variable; `dimensions` are
+    sizes of an array (SSP 2.0): numbers, or names of connectors that provide them.
     """
 
     name: str
@@ -308,15 +290,10 @@ class Connector:
 
 @dataclass(frozen=True)
 class SspComponent:
-    """A component of an SSP system from an external file, usually an FMU.
+    """A component of an SSP system from an external file of a MIME `type`, usually an FMU, used as `implementation`.
 
-    Attributes:
-        name: unique in its system.
-        source: URI relative to the structure: "resources/plant.fmu".
-        type: MIME type of the source.
-        implementation: kind of FMU to use.
-        connectors: declared connectors; an FMU may have more variables.
-        bindings: parameter values; the last one takes precedence.
+    `name` is unique in its system; `source` a URI relative to the structure: "resources/plant.fmu". Connectors are
+    declared; an FMU may have more variables. The last of the bindings takes precedence.
     """
 
     name: str
@@ -354,9 +331,7 @@ class Connection:
 class SspSystem:
     """An SSP system of components and nested systems, joined by connections.
 
-    Attributes:
-        connectors: its own connectors, for the enclosing system.
-        bindings: parameter values "element.parameter" for all its elements.
+    `connectors` are its own, for the enclosing system; `bindings` have values "element.parameter" for all its elements.
     """
 
     name: str
@@ -392,12 +367,9 @@ class DefaultExperiment:
 
 @dataclass(frozen=True)
 class Structure:
-    """Content of a SystemStructure.ssd: system, units, enumerations, default experiment.
+    """Content of a SystemStructure.ssd (SSP version "1.0"): system, units of connectors, default experiment.
 
-    Attributes:
-        version: SSP version, "1.0".
-        units: units that connectors use.
-        enumerations: (name, (item, value) ...) each.
+    `enumerations` are (name, (item, value) ...) each.
     """
 
     name: str

@@ -25,13 +25,10 @@ _LIST_PATTERN = re.compile(r"\[(?P<values>.*)\]")
 
 @dataclass(frozen=True)
 class Additions:
-    """Changes to a system given on the command line: values, inputs over time, signals to record.
+    """Changes to a system given on the command line: texts NAME=VALUE, SSV files, inputs over time, what to record.
 
-    Attributes:
-        settings: texts NAME=VALUE.
-        parameters: SSV files; later files take precedence, and settings over all files.
-        inputs: texts NAME=SOURCE, or files whose columns have the names of inputs.
-        recorded: name patterns of the signals to record; empty for all outputs.
+    Inputs are NAME=SOURCE, or files whose columns have the names of inputs. Later SSV files take precedence, and
+    settings over all files. Signals are recorded by name patterns; all outputs without patterns.
     """
 
     settings: Sequence[str] = ()

@@ -30,12 +30,9 @@ from twin.kernel.systems.plan import SystemPart, SystemPlan
 class PreparedSystem:
     """A co-simulation system with initialised and coupled FMUs, ready to run.
 
-    Attributes:
-        plan: its plan, without outputs that an FMU turned out not to return.
-        system: components in plan order; parts of a solved loop are merged into one.
-        settled: whether the initial values are consistent, i.e. every input equals its source.
-        columns: slice of a row by part name.
-        forgiven: accepted violations of binaries.
+    The plan lacks outputs that an FMU turned out not to return; `system` has components in plan order, parts of a
+    solved loop merged into one; `settled`: every input initially equals its source; `columns` is the slice of a row by
+    part name; `forgiven` are accepted violations of binaries.
     """
 
     plan: SystemPlan
@@ -64,13 +61,10 @@ def folders_of(plan: SystemPlan) -> dict[str, Path]:
 
 @contextmanager
 def couple_system(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedSystem]:
-    """Initialise and couple the FMUs of a planned system; free them at the end of the block.
+    """Initialise and couple the FMUs of a planned system, unpacked in `folders` by SHA-256; free them after the block.
 
     All FMUs are in initialisation mode together until their inputs have the values of their sources. FMUs of FMI 1.0,
     which has no such mode, keep their start values.
-
-    Args:
-        folders: folders of the unpacked FMUs by SHA-256.
     """
     refuse_steps(plan, "another --tick-ms or --step")
     found = find_loops(plan)
@@ -101,15 +95,11 @@ def initialise_fmus(
     outputs_at_start: Mapping[str, Mapping[str, float | np.ndarray]] = MappingProxyType({}),
     free: bool = False,
 ) -> InitialFmus:
-    """Initialise the FMUs of a system together, and make components of them.
+    """Initialise the FMUs of a system together, and make components of them, which `made` closes.
 
-    Args:
-        plan, folders: see `couple_system`.
-        made: closes the FMUs.
-        given: initial outputs of components that are not FMUs.
-        solved: loops whose initial values are solved for.
-        outputs_at_start: see `FmuComponent`; by component.
-        free: whether unread outputs may be non-finite, and unreadable local variables are dropped.
+    Arguments are as of `couple_system` and, by component, `FmuComponent`; `given` are initial outputs of components
+    that are not FMUs, `solved` loops whose initial values are solved for; `free`: unread outputs may be non-finite, and
+    unreadable local variables are dropped.
     """
     fed = {source for source, _ in plan.wires}
     parts: list[SystemPart] = []
@@ -199,11 +189,9 @@ def refuse_steps(plan: SystemPlan, choice: str) -> None:
 
 
 class _SolvableLoop:
-    """An algebraic loop of a system that can be solved, with the wires whose values are its unknowns.
+    """An algebraic loop of a system that can be solved, with the wires `leading_back` against the step order.
 
-    Attributes:
-        cure: alternatives, for messages.
-        leading_back: wires against the step order of its parts; their values are the unknowns.
+    Their values are the unknowns. `cure` has alternatives, for messages.
     """
 
     def __init__(self, plan: SystemPlan, loop: AlgebraicLoop):
@@ -278,9 +266,7 @@ def _can_repeat_step(part: SystemPart) -> bool:
 class _InitialValues:
     """Propagator of initial values from FMU outputs to inputs, in initialisation mode.
 
-    Args:
-        instances: FMU instances in initialisation mode, by part name.
-        given: initial outputs of components that are not FMUs.
+    `given` are the initial outputs of components that are not FMUs.
     """
 
     def __init__(

@@ -50,13 +50,10 @@ class EnclosedComponent(Subsystem):
 
 @dataclass(frozen=True)
 class EnclosedSystem:
-    """An SSP system that can replace an FMU and has passed all checks that need no binary.
+    """An SSP system (archive and its digest) that can replace an FMU, checked as far as possible without a binary.
 
-    Attributes:
-        path, sha256: archive and its digest.
-        variables: connectors, and inner variables requested by name; all inner inputs or outputs if the system has no
-            connectors of that side.
-        plan: inner system; its inputs come from the component INLET_NAME.
+    `variables` are connectors, and inner variables requested by name; all inner inputs or outputs if it has no
+    connectors of that side. The inputs of the inner system `plan` come from the component INLET_NAME.
     """
 
     path: Path
@@ -126,15 +123,10 @@ class EnclosedSystem:
         inputs_at_start: Mapping[str, Start] = MappingProxyType({}),
         outputs_at_start: Mapping[str, Start] = MappingProxyType({}),
     ) -> EnclosedComponent:
-        """Initialise the enclosed system as a component that makes `every` ticks in a step.
+        """Initialise the enclosed system as a component that makes `every` ticks (of `tick` s) in a step.
 
-        Args:
-            inputs, outputs: ports of variables of this system; other inputs keep their start values.
-            tick: duration of a tick (s).
-            every: ticks in a step.
-            ticks: duration of the run (ticks); 0 if unknown.
-            sampled: see `FmuComponent`.
-            inputs_at_start, outputs_at_start: see `FmuComponent`; by port.
+        The run takes `ticks`, 0 if unknown. Inputs without a port keep their start values; further arguments as of
+        `FmuComponent`.
         """
         when = timing_inside(self.plan.package, self._flat, self.descriptions, tick, every, ticks)
         fed = {_wire(self, port.variable.name): (f"in{n}", port) for n, port in enumerate(inputs)}
@@ -211,12 +203,10 @@ def _values(start: Start, port: FmuPort) -> np.ndarray:
 
 
 def enclose_system(file: Path, table: str, values: Mapping[str, Value], named: Collection[str]) -> EnclosedSystem:
-    """Read an SSP archive as a system that replaces an FMU.
+    """Read an SSP archive as a system that replaces an FMU, named in the experiment's `table`.
 
-    Args:
-        table: table of the experiment that names it, for messages.
-        values: start values, also of inputs that then have no source, by "component.variable" or connector.
-        named: names that the mapping uses; they may include inner variables.
+    `values` are start values, also of inputs that then have no source, by "component.variable" or connector; `named`
+    the names that the mapping uses, possibly of inner variables.
     """
     package = read_package(file)
     flat = flatten(package.structure, f"{file}")

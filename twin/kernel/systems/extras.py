@@ -9,14 +9,10 @@ from twin.kernel.ssp.structure import Endpoint
 
 @dataclass(frozen=True)
 class Feed:
-    """A connection to an FMU input from a component that is not an FMU, such as a signal.
+    """A connection to an FMU input `end` (path, variable) from an output "component.port" of the master, like a signal.
 
-    Attributes:
-        end: component path and variable.
-        source: output in the master, "component.port".
-        by: origin of the connection, for messages.
-        unit: unit of the value; "" for the unit of the variable.
-        hops: conversions on the way.
+    `by` is its origin, for messages; `unit` is that of the value, "" for the variable's; `hops` are conversions on the
+    way.
     """
 
     end: Endpoint

@@ -32,11 +32,9 @@ SIGNAL_SUFFIXES = (".csv", ".mcap")
 
 @dataclass(frozen=True)
 class _InputSignal:
-    """A signal over time and the system input that it feeds.
+    """A signal over time and the system input that it feeds; `about` is its expression, or file name and digest.
 
-    Attributes:
-        unit: unit of the values; "" for the unit of the input.
-        about: expression, or name and digest of the file.
+    `unit` is of its values; "" for the unit of the input.
     """
 
     name: str

@@ -58,14 +58,9 @@ def multi_model(file: Path) -> Package:
 
 
 class _InstanceNames:
-    """Resolver of variable names in a multi-model, and its list of instances.
+    """Resolver of variable names in a multi-model (FMU files by key), and its list of instances.
 
-    Args:
-        files: FMU files by key.
-        names: all variable names in the multi-model.
-
-    Attributes:
-        used: keys of FMUs that have an instance.
+    `names` are all variable names in it; `used` the keys of FMUs that have an instance.
     """
 
     def __init__(self, files: Mapping[str, Path], where: str, names: Sequence[Any]):

@@ -156,11 +156,8 @@ def plan_system(
 ) -> SystemPlan:
     """Plan a co-simulation system: choose FMU kinds, check connections, and convert units and values.
 
-    Args:
-        files: FMU files by entry.
-        beside: components other than FMUs.
-        patterns: name patterns of the signals to record; empty for all outputs and all sources of connections.
-        when: times and steps; None to determine them by `timing`.
+    `files` are FMUs by entry, `beside` components other than FMUs; `patterns` name the signals to record, all outputs
+    and all sources of connections without any; without `when`, `timing` determines times and steps.
     """
     choice.refuse_unknown(flat.components, f"{package.file}")
     reader = _Planner(package, flat, files, choice, beside, patterns)

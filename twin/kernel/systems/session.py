@@ -82,13 +82,11 @@ class ObservedSeries:
 
 
 class Cosimulation:
-    """A co-simulation of FMUs and Python components.
+    """A co-simulation of FMUs and Python components, until `stop` (s) at the latest, which is also passed to FMUs.
 
-    Args:
-        tick: step size (s); None for the step size of the file read, or the shortest that an FMU states.
-        stop: latest end of the run (s); also passed to the FMUs.
-        scheme: "gauss_seidel": components step in load order, each with the newest values of those before it; "jacobi":
-            all use the values from the start of the step.
+    `tick` is the step size (s); None for that of the file read, or the shortest that an FMU states. In the `scheme`
+    "gauss_seidel" components step in load order, each with the newest values of those before it; in "jacobi" all use
+    the values from the start of the step.
     """
 
     def __init__(self, tick: float | None = None, stop: float | None = None, scheme: Scheme | None = None):
@@ -115,15 +113,10 @@ class Cosimulation:
         return made
 
     def load(self, name: str, fmu: str | Path, start: Mapping[str, Value] | None = None, **more: Value) -> None:
-        """Add an FMU to the system.
+        """Add an FMU as the component `name`: letters, digits and _.
 
-        Args:
-            name: component name of letters, digits and _.
-            start: values of parameters and inputs before initialisation, in the FMU's units.
-            more: further values.
-
-        Raises:
-            InputRefused: an invalid FMU, or a name in use. An invalid value is refused at the first step.
+        `start` and `more` are values of parameters and inputs before initialisation, in the FMU's units. InputRefused:
+        an invalid FMU, or a name in use; an invalid value is refused at the first step.
         """
         self._register_name(name)
         described(Path(fmu))
@@ -134,15 +127,10 @@ class Cosimulation:
     def add(
         self, name: str, model: PythonModel | Component, period: int = 1, initial: Sequence[float] | None = None
     ) -> None:
-        """Add a component that is not an FMU to the system.
+        """Add a component that is not an FMU, with a step of `period` ticks.
 
-        Args:
-            model: an object with `inputs`, `outputs`, `sampled` and `step(t, h, u, y)`; or a `Component`.
-            period: step of the component (ticks).
-            initial: outputs before the first step; None for zeros.
-
-        Raises:
-            InputRefused: the name is in use.
+        `model` has `inputs`, `outputs`, `sampled` and `step(t, h, u, y)`, or is a `Component`; `initial` are its
+        outputs before the first step, None for zeros. InputRefused: the name is in use.
         """
         self._register_name(name)
         if isinstance(model, Component):
@@ -154,11 +142,7 @@ class Cosimulation:
     def wire(self, output: str, input: str, factor: float = 1.0, offset: float = 0.0) -> None:
         """Connect "component.output" with "component.input", with unit conversion.
 
-        Args:
-            factor, offset: the input gets factor * value + offset; only between FMUs.
-
-        Raises:
-            InputRefused: the system is already running.
+        The input gets factor * value + offset; only between FMUs. InputRefused: the system is already running.
         """
         self._refuse_running("wires")
         self._wires.append((output, input, ssp.Transformation(factor, offset)))
@@ -175,9 +159,8 @@ class Cosimulation:
     def step(self, ticks: int = 1) -> None:
         """Advance by a number of ticks; the first call initialises the system.
 
-        Raises:
-            InputRefused: the system cannot be set up, or the steps exceed `stop`.
-            ComponentFailed: a component failed; rows observed until then are kept.
+        InputRefused: the system cannot be set up, or the steps exceed `stop`; ComponentFailed: a component failed,
+        observed rows until then are kept.
         """
         _, _, simulation = self._running_parts()
         if ticks < 1 or simulation.next_tick + ticks > simulation.last_tick + 1:
@@ -197,11 +180,9 @@ class Cosimulation:
         return min(simulation.next_tick, simulation.last_tick) * plan.timing.tick
 
     def get(self, name: str) -> float | np.ndarray:
-        """Read the present value of "component.variable" in the FMU's own unit: a number, or (size,) for an array.
+        """Read the value of "component.variable" in the FMU's own unit: a number, or (size,) for an array.
 
-        Raises:
-            InputRefused: no such variable, or not a number.
-            ComponentFailed: the FMU does not return the value.
+        InputRefused: no such variable, or not a number; ComponentFailed: the FMU does not return the value.
         """
         component, variable = self._place(name)
         simulation = self._running_parts()[2]
@@ -224,11 +205,8 @@ class Cosimulation:
         """Set the variable "component.variable"; the value remains until the next call.
 
         Before the first step, parameters, inputs and variables with a start value can be set; later, inputs without a
-        source and tunable parameters.
-
-        Raises:
-            InputRefused: it cannot be set, or not to this value.
-            ComponentFailed: the FMU refuses the value.
+        source and tunable parameters. InputRefused: it cannot be set, or not to this value; ComponentFailed: the FMU
+        refuses it.
         """
         if self._running is None:
             self._settings[name] = setting_text(value)
@@ -271,18 +249,14 @@ class Cosimulation:
     def state(self) -> SystemState:
         """Save the present state, for `restore`.
 
-        Raises:
-            InputRefused: a component cannot save its state.
-            ComponentFailed: an FMU refuses.
+        InputRefused: a component cannot save its state; ComponentFailed: an FMU refuses.
         """
         return self._running_parts()[2].state()
 
     def restore(self, state: SystemState | SavedState) -> None:
         """Restore a saved state; observed rows after it are replaced as the system advances again.
 
-        Raises:
-            InputRefused: the state is of another system.
-            ComponentFailed: an FMU refuses.
+        InputRefused: the state is of another system; ComponentFailed: an FMU refuses.
         """
         self._running_parts()[2].restore(state)
 

@@ -29,15 +29,10 @@ def step_notes(type_: str, step: float | None) -> tuple[Annotation, ...]:
 
 
 class Timing(NamedTuple):
-    """Start, end and step sizes of a co-simulation run.
+    """Step size `tick` (s), first and last tick of a run (0 if unknown; no step follows), and their origins.
 
-    Attributes:
-        tick: step size (s).
-        source: origin of the step size.
-        first, ticks: first and last tick of the run; no step follows the last one. 0 if unknown.
-        stop_source: origin of the end time; "" for the system or the user.
-        periods: step of each component (ticks).
-        rounded: note on a step size changed to divide the run; "" if unchanged.
+    `stop_source` is "" for the system or the user; `periods` are the components' steps (ticks); `rounded` notes a step
+    size changed to divide the run, "" if unchanged.
     """
 
     tick: float

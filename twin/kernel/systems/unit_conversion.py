@@ -68,11 +68,7 @@ def connection_map(
 ) -> AffineMap:
     """Compose the conversions and transformations between two variables into one affine map.
 
-    Args:
-        start: unit of the source.
-        hops: conversions on the way.
-        end: unit of the target.
-        units: unit definitions of the structure, for connectors of systems on the way.
+    `units` are the structure's definitions, for connectors of systems on the way.
     """
     found, here, hops = AffineMap(), start, list(hops)
     for count, (transformation, suppressed, unit) in enumerate(hops, start=1):

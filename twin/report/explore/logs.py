@@ -76,11 +76,9 @@ def _log_path(name: Any) -> Path:
 
 
 def _view_of(log: Log, experiment: Experiment, shift: float) -> LogView:
-    """Convert a robot's log to a view for the panels, with every topic on one clock, and NaN in gaps.
+    """Convert a log, its times moved by `shift` (s), to a view, with all topics on one clock and NaN in gaps.
 
-    Args:
-        experiment: experiment of the robot, whose estimator computes position and force from the encoders' counts.
-        shift: time added to the log's times (s).
+    The estimator of the `experiment` computes position and force from the encoders' counts.
     """
     vectors = {name.partition("[")[0] for name in log.series if name.endswith("[0]")}
     series = {name: log[name] for name in log.series if not name.endswith("]")}

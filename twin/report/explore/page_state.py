@@ -36,14 +36,7 @@ CONTACT_KEY = "contact.stiffness_N_per_m"
 
 @dataclass(frozen=True)
 class PageBase:
-    """Command-line options of the explorer, equal for all its pages.
-
-    Attributes:
-        experiment: file or name, as given.
-        drive: --drive, as given.
-        body: --body, as given.
-        settings: --set options without a slider; they apply to every state.
-    """
+    """Command-line options of the explorer as given, equal for all pages; `settings` without a slider apply always."""
 
     experiment: str
     drive: str | None = None
@@ -67,13 +60,9 @@ class PageBase:
 
 @dataclass(frozen=True)
 class PageState:
-    """State of an explorer page, checked: chosen drive and body, changed values, added faults.
+    """Checked state of a page: drive and body (None: the file's own), changed values, faults beyond the file's.
 
-    Attributes:
-        drive: value of `--drive`; None for the file's own drive.
-        body: value of `--body`; None for the file's own body.
-        values: key -> value as in a file; for `PACE_KEY` the factor.
-        faults: tables of [[fault]], in addition to those of the file.
+    `values` are by key, as in a file; for `PACE_KEY` the factor.
     """
 
     base: PageBase
@@ -126,11 +115,9 @@ def known_sliders(base: PageBase, drive: str | None, body: str | None) -> dict[s
 
 
 def parse_state(base: PageBase, state: Any) -> PageState:
-    """Check and parse the state that an explorer page sends.
+    """Check and parse the untrusted state that an explorer page sends.
 
-    Args:
-        state: {"set": {key: value}, "drive": name, "body": name, "faults": [{"kind", "target", "onset_s", ..}]}; each
-            entry is optional. It is untrusted.
+    {"set": {key: value}, "drive": name, "body": name, "faults": [{"kind", "target", "onset_s", ..}]}, all optional.
     """
     if not isinstance(state, dict) or state.keys() - {"set", "drive", "body", "faults"}:
         raise InputRefused("state: expected set, drive, body and faults")

@@ -51,11 +51,8 @@ def panels_to_json(
 ) -> list[dict[str, Any]]:
     """Convert panels of curves to JSON-serialisable values; their samples are appended to `block`.
 
-    Each of `width` parts of `span` keeps its extremes, so no spike is lost. Samples beyond the span stay coarse.
-
-    Args:
-        span: begin and end (s).
-        width: width of a plot (pixels).
+    Each of `width` parts (pixels) of `span` (begin and end, s) keeps its extremes, so no spike is lost. Samples beyond
+    the span stay coarse.
     """
     return [
         panel_facts(
@@ -118,14 +115,9 @@ def extremes(values: Curve, width: int) -> Curve:
 
 
 class Tile(NamedTuple):
-    """A number displayed above the explorer's plots.
+    """A number above the explorer's plots, in `unit` with `digits` after the decimal point, and a sentence on it.
 
-    Attributes:
-        name, unit: displayed name and unit.
-        value: value in `unit`; None if missing.
-        reason: why the value is missing, or a remark on it.
-        digits: digits after the decimal point.
-        meaning: description in one sentence.
+    `reason` is why it is missing (None), or a remark on it.
     """
 
     name: str

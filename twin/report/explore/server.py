@@ -127,12 +127,9 @@ def error_message(problem: TwinError) -> str:
 
 
 class ExplorerServer:
-    """Server of the explorer: answers pages until the last one has been closed for a while.
+    """Server of the explorer, for a `PageBase` and perhaps a session with a robot that pages show.
 
-    Args:
-        base: fields of `twin.report.explore.page_state.PageBase`.
-        linger: time (s) until it ends after the last page was closed.
-        session: session with a robot that pages show; None without one.
+    It ends `linger` seconds after its last page was closed.
     """
 
     def __init__(self, base: Mapping[str, Any], limits: JobLimits, linger: float, session: "LiveSession | None" = None):

@@ -103,14 +103,9 @@ class ForceStrip:
 
 
 class LiveSession:
-    """Viewer of a running `twin shadow` session, active during the explorer's lifetime.
+    """Viewer of a running `twin shadow` session, at the address that `--live` printed, while the explorer lives.
 
-    Args:
-        address: address printed by `twin shadow --live`.
-
-    Attributes:
-        version: counter that increases with every received message.
-        accepted: accepted parameters of the robot, see `twin.studies.shadow.live_view.accepted_values`.
+    `version` counts received messages; `accepted` are parameters, see `twin.studies.shadow.live_view.accepted_values`.
     """
 
     def __init__(self, address: str):

@@ -69,12 +69,9 @@ _viewed_signals: dict[tuple[object, ...], frozenset[str]] = {}
 
 
 def answer_request(reporter: Reporter, here: str, base: dict[str, Any], ask: dict[str, Any]) -> dict[str, Any]:
-    """Answer an explorer page's request; a job for guarded processes.
+    """Answer a page's request `ask` ("op" and its fields, unchecked) on a `PageBase`; a job for guarded processes.
 
-    Args:
-        here: working folder of the command; an FMU may have changed the current one.
-        base: fields of `PageBase`.
-        ask: the request, "op" and its fields, unchecked.
+    `here` is the working folder of the command; an FMU may have changed the current one.
     """
     reporter.loading()
     os.chdir(here)
@@ -177,14 +174,10 @@ def _derived_values(state: PageState, experiment: Experiment) -> dict[str, Any]:
 
 
 class ViewRequest(NamedTuple):
-    """View of a run that an explorer page requests: time span, width, panels.
+    """View of a run that a page requests: span (begin and end, s), width of a plot (pixels), panels.
 
-    Attributes:
-        span: begin and end (s).
-        width: width of a plot (pixels).
-        robot: whether the player is open.
-        listed: whether the answer lists all panels of the run.
-        layout: figure of the paper that replaces the panels; "" without one.
+    `robot`: the player is open; `listed`: the answer lists all panels; `layout` is a figure of the paper that replaces
+    them, "" without one.
     """
 
     titles: list[str]
@@ -214,12 +207,9 @@ class ViewRequest(NamedTuple):
         return cls(titles, (begin, end), width, ask.get("robot") is True, ask.get("list") is True, layout)
 
     def picture(self, run: PanelRun, end: float, fig4: Fig4Runs | None = None) -> dict[str, Any]:
-        """Return the requested view of a run, panels and robot, JSON-serialisable.
+        """Return the requested view of a run, or a log like one, panels and robot, JSON-serialisable.
 
-        Args:
-            run: a run, or a log with the interface of one.
-            end: end of the run (s).
-            fig4: the four runs of Fig. 4, whose panels replace the others; None to show the requested panels.
+        `end` is that of the run (s). The panels of the runs `fig4` replace the requested ones; None for those.
         """
         block = DataBlock()
         span = self.span[0], min(self.span[1], end)

@@ -397,14 +397,10 @@ def write_report(
     budget: bool = False,
     say: Say = ignore_progress,
 ) -> Answer:
-    """Write the report page on the runs at the given paths, as one HTML file.
+    """Write the report page on the runs at the given paths (at least one; see `report_runs`), as one HTML file.
 
-    Args:
-        runs: at least one path; see `report_runs`.
-        out: file; None for report.html in the recording's folder, or in results/report for several runs.
-        budget: whether to run each experiment again without its imperfections, one after the other, for its accuracy
-            budget.
-        say: callback for the current run.
+    `out` is report.html in the recording's folder, or in results/report for several runs, if None. With `budget`, each
+    experiment is run again without its imperfections, one after the other, for its accuracy budget.
     """
     shown = report_runs(runs)
     path = out or (shown[0].recording.path.parent if len(shown) == 1 else COMPARISON_FOLDER) / REPORT_FILE
@@ -551,10 +547,7 @@ def plain_page(
 ) -> str:
     """Return the HTML of a page without plots, player and scripts.
 
-    Args:
-        sections: key, title and content of each section.
-        links: key and text of each link in the head.
-        made_of: text after "Made by twin VERSION" in the footer.
+    Sections are (key, title, content), links in the head (key, text); `made_of` follows "Made by twin VERSION" below.
     """
     return Template((PAGE_ASSETS / "plain.html").read_text(encoding="utf-8")).substitute(
         title=join_markup([title]),

@@ -30,12 +30,9 @@ PATCH_HALF_WIDTH, PATCH_FIELDS = 45.0, 10
 
 
 class PanelRun:
-    """A run and the values of its experiment, as input of panels and player.
+    """A run and the checked values of its experiment, keys with units, as input of panels and player.
 
-    Attributes:
-        values: checked values of the experiment, keys with units.
-        fields: fields of the signals that have samples.
-        used: signals that were read.
+    `fields` are those of signals that have samples, `used` the signals that were read.
     """
 
     def __init__(self, view: RunView, values: Mapping[str, Any], fields: Mapping[str, Field] | None = None):

@@ -43,12 +43,9 @@ FRICTION_STYLES = {"belief": {"color": FP_BASED, "lw": THIN_LINE}, "truth": TRUE
 
 @contextmanager
 def drawing(draw: str, shown: object, size: int = 0) -> Iterator[Callable[[], bytes]]:
-    """Start drawing a picture, if possible in another process, and yield a function that waits for its PNG bytes.
+    """Start drawing a picture, if possible in another process; yield a function that waits for its PNG bytes.
 
-    Args:
-        draw: "module:function", called as `draw(shown, path)`.
-        shown: picklable data.
-        size: approximate size of the data (bytes).
+    `draw` is "module:function", called with picklable data, about `size` bytes, as `draw(shown, path)`.
     """
     waiting = claim_process(DRAW_JOB) if size <= MAX_PICKLE_BYTES else None
     with tempfile.TemporaryDirectory() as folder, waiting or nullcontext() as process:

@@ -77,13 +77,9 @@ def _cell(text: str, part: ReportPart) -> str:
 
 
 def write_drives_page(facts: Mapping[str, Any], folder: Path) -> Path:
-    """Write the page of a drive comparison into `folder` and return its path.
+    """Write the page of `compare_drives` (facts, pictures in `folder`) into the folder; return its path.
 
     The same facts and pictures give the same text.
-
-    Args:
-        facts: result of `compare_drives`.
-        folder: folder of its pictures.
     """
     path = folder / DRIVES_PAGE_FILE
     write_text(path, drives_page(facts))

@@ -28,12 +28,9 @@ MAX_LISTED_TOPICS = 8
 
 @dataclass(frozen=True)
 class ExportResult:
-    """Outcome of the export of a recording: path, and numbers of signals and rows.
+    """Outcome of an export: file (folder of a bag), signals, rows of the longest signal (messages of a bag).
 
-    Attributes:
-        path: the file, or the folder of a bag.
-        rows: number of rows of the longest signal; of a bag, the number of messages.
-        note: defects of the recording; empty if it is complete.
+    `note` has the defects of the recording; empty if it is complete.
     """
 
     path: Path
@@ -52,15 +49,11 @@ def export_recording(
     maps: Sequence[str] = (),
     joints: JointFields | None = None,
 ) -> ExportResult:
-    """Export a recording, or another tool's log, to another format.
+    """Export a recording (see `recording_in`), or another tool's log (with `maps` or a ROS 2 bag), to another format.
 
-    Args:
-        run: see `recording_in`; with `maps`, or for a ROS 2 bag, see `read_log`.
-        patterns: see `selected_signals`.
-        rate: rows per second (Hz), see `signal_table`.
-        out: path to write; None for the recording's own path with the format's suffix.
-        maps: column maps of a log that twin did not record, see `column_map`.
-        joints: fields that a bag stores as JointState.
+    `patterns` are as for `selected_signals`, `rate` (Hz) as for `signal_table`, `maps` column maps of a log, see
+    `column_map`; `joints` are fields that a bag stores as JointState. Without `out`, the file has the recording's path
+    with the format's suffix.
     """
     recording = _load_recording(run, maps)
     signals = selected_signals(recording, patterns)

@@ -89,15 +89,7 @@ def require_unit(text: str, where: str) -> Unit:
 
 
 def refuse_unit(where: str, name: str, got: str, wanted: str, column: str = "COLUMN") -> None:
-    """Reject a signal whose unit differs from the wanted unit.
-
-    Args:
-        got, wanted: SI units.
-        column: column for the proposed entry of a map.
-
-    Raises:
-        LogError: another unit, with the entry to write in the map.
-    """
+    """Reject, with the entry to write in the map for `column`, a signal whose SI unit differs from the wanted one."""
     if got != wanted:
         found, used = known_unit(got), known_unit(wanted)
         hint = weight_hint(found.dimension, used.dimension) if found and used else ""

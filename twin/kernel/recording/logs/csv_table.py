@@ -43,13 +43,10 @@ SEPARATOR_LINE = re.compile(r'"?sep=([^\s\w"]|\t)"?\s*', re.IGNORECASE)
 
 @dataclass
 class WrongFields:
-    """Fields of one CSV column that are not finite numbers.
+    """Fields of one CSV column that are not finite numbers, some `empty`.
 
-    Attributes:
-        line, text: the first field with text other than `INVALID_TEXT`, else the first field.
-        empty: number of empty fields.
-        invalid: line of each field with NaN, infinity or `INVALID_TEXT`.
-        commas: whether a field is a number with a decimal comma.
+    `line` and `text` are of the first field with text other than `INVALID_TEXT`, else of the first field; `invalid` has
+    the line of each field with NaN, infinity or `INVALID_TEXT`; `commas`: a field is a number with a decimal comma.
     """
 
     count: int = 0
@@ -77,14 +74,9 @@ class WrongFields:
 
 @dataclass(frozen=True)
 class CsvTable:
-    """Table of numbers read from a CSV file.
+    """Numbers (rows, columns) read from a CSV file, NaN for other fields; `wrong` has these by position of the column.
 
-    Attributes:
-        comments: lines before the head, without #.
-        head: names of the columns.
-        values: numbers (rows, columns); NaN for other fields.
-        wrong: wrong fields by position of the column.
-        lines: line number of each row, from 1.
+    `comments` are the lines before the head, without #; `lines` the line number of each row, from 1.
     """
 
     path: Path

@@ -106,11 +106,10 @@ def _decode_json(data: bytes) -> Any:
 
 
 def _ros_decoder(name: str, encoding: str, definition: bytes) -> Decoder:
-    """Create the decoder of ROS 2 CDR messages of type `name`; it raises ValueError for invalid bytes.
+    """Create the decoder of ROS 2 CDR messages of type `name`, as `sensor_msgs/msg/JointState`.
 
-    Args:
-        name: name of the type, `sensor_msgs/msg/JointState`.
-        encoding: one of `ROS_ENCODINGS`; ignored for ROS 2's own types, whose definition is empty.
+    It raises ValueError for invalid bytes. `encoding` is one of `ROS_ENCODINGS`; ignored for ROS 2's own types, whose
+    definition is empty.
     """
     try:
         from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore

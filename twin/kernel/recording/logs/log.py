@@ -35,12 +35,10 @@ class NoNumbers(LogError):
 
 @dataclass(frozen=True)
 class MappedColumn:
-    """Column of a foreign file that a signal is read from: value in SI = sign * value in `unit`.
+    """Column of a foreign file that a signal is read from: value in SI = sign (1 or -1) * value in `unit`.
 
-    Attributes:
-        unit: unit as the user wrote it; empty if the column's name contains it.
-        sign: 1 or -1.
-        text: name, unit and sign as one text, if written so: a column may have that very name.
+    `unit` is as the user wrote it; empty if in the column's name. `text` is all as one text, if written so: a column
+    may have that very name.
     """
 
     name: str
@@ -50,12 +48,9 @@ class MappedColumn:
 
 
 class Sampling(NamedTuple):
-    """Sampling of a time series: period, regularity and gaps.
+    """Sampling of a time series: median interval (s), regularity, start and end (s) of intervals with missing samples.
 
-    Attributes:
-        period: median interval (s).
-        regular: whether the intervals are regular; otherwise `gaps` is empty.
-        gaps: start and end (s) of each interval with missing samples, (k, 2).
+    `gaps` (k, 2) is empty if the intervals are not regular.
     """
 
     period: float
@@ -101,13 +96,10 @@ def in_gap(t: NDArray[np.float64], gaps: NDArray[np.float64]) -> NDArray[np.bool
 
 @dataclass(frozen=True)
 class LogSeries:
-    """Time series of one quantity in a log.
+    """Time series of a quantity at times (s) strictly ascending: values (n,), or (n, k) from `Log.vector`.
 
-    Attributes:
-        t: times of the samples, s, strictly ascending, (n,).
-        values: values in `unit`, (n,), or (n, k) from `Log.vector`.
-        unit: SI unit as in recordings: `N`, `rad/s`, `1`.
-        invalid: times (s) of further samples that were NaN, null or infinite, ascending.
+    Units are SI as in recordings: `N`, `rad/s`, `1`. `invalid` has the times (s) of further samples that were NaN, null
+    or infinite, ascending.
     """
 
     t: NDArray[np.float64]
@@ -168,12 +160,9 @@ def _nearest_index(of: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[n
 class Log:
     """Log in memory with access by signal: `log["arm.force"]`, `log.vector("arm.tip")`.
 
-    Attributes:
-        series: scalar series by name; a component of a vector is `arm.tip[2]`.
-        notes: sentences on missing data: missing samples, a truncated end.
-        comments: lines of the file's head that start with #, without it.
-        left_out: unreadable signal of the file -> error message.
-        columns: column of each signal; empty for a recording of twin.
+    `series` are scalar, `arm.tip[2]` a component of a vector; `notes` are sentences on missing data: missing samples, a
+    truncated end; `comments` the lines of the head that start with #, without it; `left_out`: unreadable signal ->
+    error message; `columns`: column of each signal, empty for a recording of twin.
     """
 
     path: Path
