@@ -122,15 +122,9 @@ def run_recording_job(
 ) -> Any:
     """Run a job that records runs and return its result; error messages include the state of the recording.
 
-    Args:
-        job, arguments, limits: see `run_guarded`.
-        isolate: "none" to run it in this process.
-        on_note: callback for its notes; None for the display's own.
-
-    Raises:
-        ComponentFailed: an FMU crashed, hung or ended the process after stepping had begun.
-        StudyInterrupt: Ctrl-C, after the folder was created.
-        TwinError: the job raised one.
+    Arguments are as of `run_guarded`; with the isolation "none" it runs in this process, and without `on_note` the
+    display gets its notes. ComponentFailed: an FMU crashed, hung or ended the process after stepping had begun;
+    StudyInterrupt: Ctrl-C, after the folder was created; TwinError: the job raised one.
     """
     on_note = on_note or display.on_note
     try:

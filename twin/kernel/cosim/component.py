@@ -294,16 +294,10 @@ class Component:
 class NativeComponent(Component):
     """A component with a compiled step over a record; the fields declared as `state` are its state.
 
-    Args:
-        step: function decorated by `step_function`.
-        memory: (1,) record of the step.
-        initial_outputs: None for zeros; a sampled component overwrites them at tick 0.
-        keep: owners of the memory that `memory` points to, if not in `pointers`.
-        pointers: field of `memory` -> array whose address it gets. If it covers all pointers, the component is
-            portable.
-
-    Attributes:
-        portable: whether `memory` and `pointers` are all data of the step, so that it can run in another place.
+    `step` is decorated by `step_function`, `memory` its record, (1,). `pointers`: field of `memory` -> array whose
+    address it gets; `keep` owns memory behind other addresses. If there is none, `memory` and `pointers` are all data
+    of the step, which can then run in another place: the component is `portable`. A sampled one overwrites
+    `initial_outputs` (None for zeros) at tick 0.
     """
 
     def __init__(

@@ -31,12 +31,8 @@ class Observer:
     """An observer of a simulation; subclasses override the methods they need.
 
     The stepping thread calls all observers in order between slices, so slow observers delay the run. Observers must not
-    write to rows.
-
-    Attributes:
-        enough: whether the simulation may end early; read after every slice.
-        halts: ticks at which a slice must begin.
-        lasting: names of the attributes that belong to the state of a run.
+    write to rows. Once `enough` is set, the simulation may end early after a slice; a slice begins at the ticks in
+    `halts`; `lasting` names the attributes that belong to the state of a run.
     """
 
     enough = False
@@ -157,14 +153,9 @@ def simulate(
 ) -> SimulationResult:
     """Step a co-simulation system from its first to its last tick, until a component fails or an observer ends it.
 
-    Args:
-        last_tick: last tick, which gets a row but no step.
-        observers: called in this order.
-        timed: whether to measure the time of each component.
-        state: initial state in place of tick 0.
-        lasting: observers by name that are restored from the entry "observers" of the state.
-        adopt: restores a state of a different system; None if the state is of the same system.
-        start: moves the simulation to a tick other than 0 if there is no such `state`.
+    The last tick gets a row but no step; observers are called in order; `timed` measures each component. A `state`
+    replaces tick 0: observers in `lasting` are restored from its entry "observers", and `adopt` restores it if of a
+    different system. Without one, `start` may move the simulation to another tick.
     """
     simulation = Simulation(assembly.system, last_tick, slice_ticks, timed)
     if state is not None:

@@ -15,14 +15,13 @@ STATE_KEY, BELOW_KEY = "state", "below"
 
 @dataclass(frozen=True)
 class Port:
-    """A named input or output of a component, with size, unit and meaning.
+    """A named input or output of a component, with size (doubles), unit and meaning.
 
     Attributes:
         name: name of the quantity, the same in all components.
-        size: number of doubles.
         unit: SI unit as text, "1" for pure numbers.
         meaning: one phrase, including frame and sign.
-        kind: type in a recording, "double", "int" or "bool"; on a wire every value is a double.
+        kind: type in a recording; on a wire every value is a double.
         instant: instant of the step whose value an interpolated input takes: "middle" for an input that is constant
             over the step; see `System`.
     """

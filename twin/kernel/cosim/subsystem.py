@@ -53,18 +53,11 @@ def _step(m, t, h, u, y):
 
 
 class Subsystem(Component):
-    """A component whose step is `substeps` ticks of an inner system.
+    """A component whose step is `substeps` ticks (of `tick` s) of an inner system.
 
-    Args:
-        inputs: ports; inner wires refer to them as "inlet.<port>".
-        outputs: pairs (port, "component.port" of the inner system).
-        components, wires, scheme: the inner system.
-        tick: inner tick (s).
-        substeps: inner ticks per outer step.
-        sampled: whether it is evaluated at t_k; its outputs are then meaningless before the first evaluation.
-
-    Attributes:
-        outlets: output name -> "component.port" of the inner system.
+    Inner wires refer to the ports `inputs` as "inlet.<port>"; `outputs` are (port, "component.port" of the inner
+    system), which `outlets` has by name. If sampled, it is evaluated at t_k, and its outputs are meaningless before the
+    first evaluation.
     """
 
     def __init__(

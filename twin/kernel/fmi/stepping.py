@@ -56,16 +56,10 @@ def with_end_ports(instance: Instance, inputs: Sequence[FmuPort]) -> list[FmuPor
 
 
 class Stepping:
-    """Compiled step of a co-simulation FMU instance, with its memory.
+    """Compiled step of a co-simulation FMU instance in step mode, with its memory.
 
-    Args:
-        instance: FMU instance in step mode.
-        shift: offsets added to the output values (SI).
-
-    Attributes:
-        inputs: ports, see `with_end_ports`.
-        outputs: ports with slots and shifts.
-        discard_reported: whether discarded steps have been reported.
+    `shift` are offsets added to the output values (SI); `inputs` are as of `with_end_ports`, `outputs` with slots and
+    shifts. `discard_reported`: discarded steps have been reported.
     """
 
     discard_reported = False

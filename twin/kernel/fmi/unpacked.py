@@ -256,16 +256,10 @@ def fmi_headers() -> Path:
 
 
 def call_compiler(command: Sequence[str], refused: str, late: str, folder: Path, end: float | None = None) -> str:
-    """Run a compiler with limits of time, memory and file size; kill all its processes afterwards.
+    """Run a compiler in `folder` with limits of time, memory and file size; return the beginning of its output.
 
-    Args:
-        refused: beginning of the error message if compilation fails.
-        late: error message after a timeout.
-        folder: working directory, also for temporary files.
-        end: deadline (s, `time.monotonic`); None for `COMPILE_TIMEOUT` from now.
-
-    Returns:
-        The beginning of its output.
+    All its processes are killed afterwards. Error messages begin with `refused`, or are `late` after the deadline `end`
+    (s, `time.monotonic`; None for `COMPILE_TIMEOUT` from now).
     """
     remaining = COMPILE_TIMEOUT if end is None else max(end - time.monotonic(), 0.0)
     limits = _LIMIT_SCRIPT.format(
@@ -348,17 +342,10 @@ def stamp_of(path: str) -> Stamp | None:
 
 
 def unpacked(file: Path, digest: str) -> Path:
-    """Unpack an FMU to its cache folder, or verify and repair the existing one; return the folder of its content.
+    """Unpack an FMU with the SHA-256 `digest` to its cache folder, or verify and repair that; return its folder.
 
-    The folder is shared by all runs and created atomically. Changed or missing files are extracted again, with a
-    warning on stderr.
-
-    Args:
-        file: FMU, checked by `archive.entries`.
-        digest: its `archive.sha256`.
-
-    Raises:
-        InputRefused: the folder cannot be written.
+    The FMU has been checked by `archive.entries`. The folder is shared by all runs and created atomically. Changed or
+    missing files are extracted again, with a warning on stderr. InputRefused: it cannot be written.
     """
     home = cache_folder(UNPACKED_FOLDER)
     folder = home / digest

@@ -224,14 +224,8 @@ def simulate_saving(
 ) -> SimulationResult:
     """Simulate a recorded system and save its states on the way, the last one even if the run is interrupted.
 
-    Args:
-        assembly, last_tick, observers, slice_ticks, lasting, adopt, timed: see `simulate`.
-        states: observer that saves states; this function writes the last one.
-        saved: state to restore; None to begin at tick 0.
-
-    Raises:
-        InputRefused: the state is of another system.
-        KeyboardInterrupt: Ctrl-C or SIGTERM, once the state is saved.
+    Arguments are as of `simulate`; `states` saves states but the last one, `saved` is the one to restore, None for tick
+    0. InputRefused: it is of another system; KeyboardInterrupt: Ctrl-C or SIGTERM, once the state is saved.
     """
     interrupts = Interrupts()
     with interrupts.listening():

@@ -85,17 +85,11 @@ BLANK_BITS = 0x7FC0_7749
 
 @dataclass(frozen=True)
 class Field:
-    """A recorded quantity of a topic: name, size, type, unit and meaning.
+    """A recorded quantity of a topic, of `size` values in every message (1 for a scalar).
 
-    Attributes:
-        name: a letter, then letters, digits and underscores: `tip_speed`.
-        size: number of values in every message; 1 for a scalar.
-        kind: `double`, `int` (64 bit, for counts) or `bool`.
-        unit: SI unit, `1` for pure numbers.
-        meaning: one-sentence description for readers of the file, with frame and sign.
-
-    Raises:
-        ValueError: invalid name, size or kind.
+    The name is a letter, then letters, digits and underscores: `tip_speed`; `int` has 64 bits, for counts; the unit is
+    SI, `1` for pure numbers; the meaning is a sentence for readers of the file, with frame and sign. ValueError:
+    invalid name, size or kind.
     """
 
     name: str

@@ -177,17 +177,12 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, int]]:
 
 
 def read(path: str | Path, *, salvage: bool = False) -> Recording:
-    """Read a recording from its file, finished or not.
+    """Read a recording from `NAME.mcap` or `NAME.mcap.partial`, a run's folder, or results/<experiment> (latest run).
 
     An unfinished file is read up to its last complete chunk, and `complete` and `note` of the result report it.
 
-    Args:
-        path: `NAME.mcap` or `NAME.mcap.partial`, a run's folder, or results/<experiment> for its latest run.
-        salvage: return the data before the damage instead of raising.
-
-    Raises:
-        RecordingError: missing, empty, not MCAP or not in the layout of `Writer`.
-        RecordingDamageError: bytes have changed since they were written (unless salvage).
+    RecordingError: missing, empty, not MCAP or not in the layout of `Writer`. RecordingDamageError: bytes have changed
+    since they were written; with `salvage` the data before the damage is returned instead.
     """
     path = Path(path)
     if path.is_dir():

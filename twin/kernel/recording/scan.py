@@ -110,17 +110,10 @@ def _gather(content, table, count, channel, first_sequence, stride, gathered):
 
 
 class Records:
-    """The MCAP records in the content of a chunk, located in a table.
+    """The MCAP records in a chunk's content, which must outlive this object, located in a table.
 
-    Args:
-        content: bytes of the chunk, which must outlive this object.
-
-    Attributes:
-        table: (n, 5) int64: offset, opcode, length of the body, and channel and sequence number of messages; -1 for
-            other records.
-
-    Raises:
-        ValueError: the last record is longer than the remaining bytes.
+    `table` is (n, 5) int64: offset, opcode, length of the body, and channel and sequence number of messages, -1 for
+    other records. ValueError: the last record is longer than the remaining bytes.
     """
 
     def __init__(self, content: bytes):
@@ -258,14 +251,7 @@ def _chunk_content(position: int, chunk: Chunk, most: int) -> bytes:
 
 @dataclass(frozen=True)
 class Event:
-    """An event of a recorded run: time, level, text and component.
-
-    Attributes:
-        time: simulation time, s.
-        level: `debug`, `info`, `warning`, `error` or `fatal`.
-        text: description in one sentence.
-        name: component in which the event happened.
-    """
+    """An event of a run at a simulation time, s: `debug`, `info`, `warning`, `error` or `fatal`; text and component."""
 
     time: float
     level: str

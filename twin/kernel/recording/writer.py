@@ -266,19 +266,12 @@ class Writer:
         forms: Sequence[MessageForm] = (),
         others: Sequence[ForeignTopic] = (),
     ) -> None:
-        """Create the partial file of a recording and write its header and metadata.
+        """Create the partial file of a recording and write its header and metadata: name -> key -> text.
 
-        Args:
-            topics: numeric topics; `/events` is added to them.
-            tick: duration of one tick, s.
-            metadata: name -> key -> text, readable in any MCAP tool.
-            forms: topics for viewers, which `read` skips.
-            others: topics of messages recorded unchanged, which `read` skips too.
-
-        Raises:
-            RecordingWriteError: the file cannot be created or the disk is full.
-            ValueError: two topics of one name, or of different fields whose names give one message type; a form whose
-                example lacks a column.
+        `/events` is added to the numeric topics. A tick lasts `tick` s. `forms` are topics for viewers, `others` have
+        messages recorded unchanged; `read` skips both. RecordingWriteError: the file cannot be created or the disk is
+        full; ValueError: two topics of one name, or of different fields whose names give one message type, or a form
+        whose example lacks a column.
         """
         streams: list[Topic | MessageForm] = [*topics, *forms]
         names = [stream.name for stream in streams]

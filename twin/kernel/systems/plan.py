@@ -51,17 +51,11 @@ STARTING_INITIALS = ("exact", "approx")
 
 @dataclass(frozen=True)
 class SystemPart:
-    """An FMU component of a planned system.
+    """An FMU component of a planned system: its path there, its name in the master and of its topic.
 
-    Attributes:
-        path: name in the system.
-        name: name in the master, and of its topic.
-        description: FMU description, with parameters that size arrays applied.
-        inputs: connected inputs, scaled for their sources.
-        outputs: recorded outputs, then outputs that are only read, unscaled.
-        recorded: number of recorded outputs.
-        settings: values of parameters and inputs before initialisation.
-        unfed: inputs without a source.
+    Parameters that size arrays are applied to the description; connected inputs are scaled for their sources; outputs
+    are unscaled, the first `recorded` ones recorded, others only read; settings are values before initialisation;
+    `unfed` inputs have no source.
     """
 
     path: str
@@ -76,16 +70,11 @@ class SystemPart:
 
 @dataclass(frozen=True)
 class SystemPlan:
-    """A checked co-simulation system, ready to be coupled.
+    """A checked co-simulation system, ready to be coupled, with parts in step order.
 
-    Attributes:
-        parts: in step order.
-        wires: (output, input) in the master, "part.port" each.
-        ignored: names with values that match no variable.
-        forgiven: accepted violations of files.
-        extras: components other than FMUs.
-        overruled: settings and SSV parameters of inputs that connections feed.
-        unreadable: local variables that their FMU does not return; they are not recorded.
+    Wires are (output, input) in the master, "part.port" each; `ignored` are names with values that match no variable,
+    `forgiven` accepted violations of files, `overruled` settings and SSV parameters of inputs that connections feed,
+    `unreadable` local variables that their FMU does not return; they are not recorded.
     """
 
     package: Package

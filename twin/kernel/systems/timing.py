@@ -101,16 +101,10 @@ def timing(
 def timing_inside(
     package: Package, flat: FlatSystem, descriptions: Mapping[str, FmuDescription], tick: float, every: int, ticks: int
 ) -> Timing:
-    """Determine the step sizes of a system that is a component of another system, starting at 0 s.
+    """Determine the step sizes of a system inside a component of another system, starting at 0 s.
 
     The step of a component is its annotation, else the annotation of the structure, else one step of the enclosing
-    component.
-
-    Args:
-        descriptions: FMU descriptions by component.
-        tick: step size of the enclosing system (s).
-        every: ticks in a step of the enclosing component.
-        ticks: duration of the run (ticks); 0 if unknown.
+    component, `every` ticks of `tick` s in a run of `ticks`, 0 if unknown.
     """
     own = _steps(package, flat, MasterChoice())
     length, source = _annotation_step(package)

@@ -55,16 +55,10 @@ Kind = Literal["number", "whole", "choice", "switch", "pace"]
 
 @dataclass(frozen=True)
 class Slider:
-    """A key of the experiment that the explorer can change, with the range of its slider.
+    """A key of the experiment that the explorer can change, dotted as for --set, with the range of its slider.
 
-    Attributes:
-        key: dotted key, as in the file and for --set.
-        unit: unit of its value; "" without one.
-        help: meaning, one phrase.
-        value: value in the experiment's file; None if missing.
-        default: default value; None without one.
-        choices: values of a choice.
-        first: position among the keys shown before any search; None for the others.
+    `value` is that of the file, None if missing; `default` None without one; `first` the position among the keys shown
+    before any search, None for the others. The unit is "" without one.
     """
 
     key: str

@@ -28,18 +28,11 @@ class AnsweringProcess:
         self.close = self._process.close
 
     def answer(self, base: Mapping[str, Any], ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
-        """Answer a page's request in the process, by `twin.report.explore.worker.answer_request`.
+        """Answer the request `ask` of a page of `PageBase` by `twin.report.explore.worker.answer_request`.
 
-        Args:
-            base: fields of `PageBase`.
-            ask: request of the page.
-            outdated: event that is set when a newer answer is requested.
-
-        Raises:
-            ComponentFailed: a drive crashed, hung or ended the process; names the drive, place and time in one
-                sentence.
-            OutdatedAnswer: the answer was cancelled.
-            TwinError: an internal error.
+        `outdated` is set when a newer answer is requested. ComponentFailed: a drive crashed, hung or ended the process;
+        names the drive, place and time in one sentence. OutdatedAnswer: the answer was cancelled. TwinError: an
+        internal error.
         """
         self._outdated, self._began = outdated, time.monotonic()
         try:

@@ -72,15 +72,7 @@ def split_unit(header: str) -> tuple[str, str]:
 
 
 def require_unit(text: str, where: str) -> Unit:
-    """Parse the unit of a column.
-
-    Args:
-        text: `mm`, `rad/s`, `deg_per_s`.
-        where: file and column, which begin the error message.
-
-    Raises:
-        LogError: an unknown unit; the message has the nearest one.
-    """
+    """Parse a column's unit: `mm`, `rad/s`, `deg_per_s`; for an unknown one, LogError names `where` and the nearest."""
     found = known_unit(text)
     if found is None:
         hint = nearest(text, UNIT_SYMBOLS, "expected one such as mm, N, deg, rad/s, Nm, ms, A or 1")

@@ -246,16 +246,12 @@ def path_text(parts: Sequence[str | int]) -> str:
 
 
 def field_value(message: Any, parts: Sequence[str | int]) -> float:
-    """Return the number (or stamp, in s) in a message at a path such as `force.z`, `position[2]` or `header.stamp`; see
-    `path_parts`.
+    """Return the number (or stamp, s) in a message at a path `force.z`, `joint[2]`, `header.stamp`; see `path_parts`.
 
     `position.knee` is the element of an array at the index of 'knee' in the names of the same message. The rest of the
-    path may be one name, such as `arm.knee`.
-
-    Raises:
-        LookupError: messages of this type lack the field; the text lists the existing ones. `UnknownElement`: this
-            message lacks it.
-        ValueError: the value is neither a number nor a stamp; null is NaN.
+    path may be one name, such as `arm.knee`. LookupError: messages of this type lack the field; the text lists the
+    existing ones. `UnknownElement`: this message lacks it. ValueError: the value is neither a number nor a stamp; null
+    is NaN.
     """
     around: list[Any] = []
     value = message

@@ -34,15 +34,13 @@ def read_log(
     """Read a log of any kind: a recording of twin, another MCAP file, a ROS 2 bag or a CSV file.
 
     Args:
-        path: a recording of twin (its file, its run's folder, results/EXPERIMENT), another MCAP file, a bag of ROS 2
-            (its folder or one of its files), or a CSV file.
+        path: a recording's file, run folder or results/EXPERIMENT; a bag's folder or one of its files; a file.
         columns: columns by signal, from `column_map`; ignored for a recording of twin.
         part: start and end (s) of the part to read, by the log's time, None for its own; times of a wall clock count
             from the first one.
         known: unit by name of signals in a CSV file, see `read_csv`.
 
-    Raises:
-        LogError, RecordingRefused: missing, empty, damaged, foreign without a map, or with invalid columns.
+    LogError, RecordingRefused: missing, empty, damaged, foreign without a map, or with invalid columns.
     """
     path = Path(path)
     match kind_of(path):
