@@ -1,6 +1,6 @@
 """Components of the master: interface, compiled steps, and saving of their memory."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -341,6 +341,34 @@ class NativeComponent(Component):
             # -1, before the first step, is the last index in compiled code
             if one.below and not np.all((values >= -1) & (values < np.maximum(one.limit(self.memory), 1))):
                 raise InputRefused(f"{self.name}.{one.name} = {values.flat[0]}: leads beyond what it counts")
+
+
+class Composite(Component):
+    """A component made of others: their states and messages are part of its own."""
+
+    members: Sequence[Component]
+
+    def member_pieces(self) -> dict[str, np.ndarray]:
+        """Return the pieces of the members, as "member.piece"."""
+        return {f"{one.name}.{name}": array for one in self.members for name, array in one.pieces().items()}
+
+    def holders(self) -> dict[str, Holder]:
+        return {f"{one.name}.{name}": holder for one in self.members for name, holder in one.holders().items()}
+
+    def refuse_index(self) -> None:
+        for one in self.members:
+            one.refuse_index()
+
+    def keep_time(self, clock: np.ndarray) -> None:
+        for one in self.members:
+            one.keep_time(clock)
+
+    def take_messages(self) -> list[tuple[int, str]]:
+        return [message for one in self.members for message in one.take_messages()]
+
+    def close(self) -> None:
+        for one in self.members:
+            one.close()
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from twin.kernel.compiled.function import carray, copy, njit, pointer_to
 from twin.kernel.cosim.component import (
     NOT_FINITE,
     Component,
-    Holder,
+    Composite,
     address_of,
     call_step,
     doubles_at,
@@ -282,7 +282,7 @@ def _step(m, t, h, u, y):
     return 0
 
 
-class LoopComponent(Component):
+class LoopComponent(Composite):
     """A component that solves an algebraic loop: its members, stepped as one continuous component.
 
     Members are continuous, of period 1, in the order of a pass; wires join whole ports as in `System`, one for every
@@ -396,29 +396,11 @@ class LoopComponent(Component):
 
     def pieces(self) -> dict[str, np.ndarray]:
         own = {"values": self._values, "inverse": self._inverse, "scale": self._scale, "known": self._memory["known"]}
-        return own | {f"{c.name}.{name}": array for c in self.members for name, array in c.pieces().items()}
-
-    def holders(self) -> dict[str, Holder]:
-        return {f"{c.name}.{name}": holder for c in self.members for name, holder in c.holders().items()}
+        return own | self.member_pieces()
 
     def lacks_state(self, portable: bool = True) -> str:
         reasons = [(c.label or c.name, why) for c in self.members if (why := c.lacks_state(portable))]
         return "; ".join(f"has {label}, which {why}" for label, why in reasons)
-
-    def refuse_index(self) -> None:
-        for component in self.members:
-            component.refuse_index()
-
-    def keep_time(self, clock: np.ndarray) -> None:
-        for component in self.members:
-            component.keep_time(clock)
-
-    def take_messages(self) -> list[tuple[int, str]]:
-        return [message for component in self.members for message in component.take_messages()]
-
-    def close(self) -> None:
-        for component in self.members:
-            component.close()
 
 
 def _value_offsets(given: str, inputs: tuple[Port, ...], members: Sequence[Component]) -> dict[str, int]:

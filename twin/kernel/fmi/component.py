@@ -196,27 +196,17 @@ class FmuComponent(Component):
         make = CosimInstance if sampled else open_instance
         self.instance = instance or make(name, description, folder, settings, started, setup)
         try:
-            initial = (
-                np.concatenate([p.gain * self._initial_values(p) + p.offset for p in outputs])
-                if outputs
-                else np.zeros(0)
-            )
-        except TwinError:
-            self.instance.close()
-            raise
-        if sampled:
-            initial[:] = 0.0
-        # adding -0.0 leaves every value unchanged, adding 0.0 would turn -0.0 into 0.0
-        shift = np.full(len(initial), -0.0)
-        for p in port_slots(outputs):
-            if p.port.port.name in (outputs_at_start or {}):
-                shift[p.slots] = (outputs_at_start or {})[p.port.port.name] - initial[p.slots]
-        may = np.array([p.port.name in unread for p in outputs for _ in range(p.port.size)], dtype=np.int64)
-        if not np.all(np.isfinite(initial) | (may > 0)):
-            self.instance.close()
-            raise InputRefused(f"{description.path}: an output is not finite after initialisation: {initial}")
-        self._shift = shift
-        try:
+            initial = np.concatenate([np.zeros(0), *(p.gain * self._initial_values(p) + p.offset for p in outputs)])
+            if sampled:
+                initial[:] = 0.0
+            # adding -0.0 leaves every value unchanged, adding 0.0 would turn -0.0 into 0.0
+            shift = np.full(len(initial), -0.0)
+            for p in port_slots(outputs):
+                if p.port.port.name in (outputs_at_start or {}):
+                    shift[p.slots] = (outputs_at_start or {})[p.port.port.name] - initial[p.slots]
+            may = np.array([p.port.name in unread for p in outputs for _ in range(p.port.size)], dtype=np.int64)
+            if not np.all(np.isfinite(initial) | (may > 0)):
+                raise InputRefused(f"{description.path}: an output is not finite after initialisation: {initial}")
             self._stepping = (
                 ExchangeStepping(self.instance, solver or Solver(), inputs, outputs, shift)
                 if isinstance(self.instance, ModelExchange)
@@ -225,6 +215,7 @@ class FmuComponent(Component):
         except TwinError:
             self.instance.close()
             raise
+        self._shift = shift
         self._rewind: Rewind | None = None
         self._inside = FmuStates(self.instance, self._stepping)
         self._remembered = RememberedMessages(description.path.name, self.instance, self._stepping)

@@ -196,11 +196,14 @@ def _allocate_block(sizes: dict[str, int], first: int = 0) -> tuple[np.ndarray, 
     return block, places
 
 
+class _Fmi2(Fmi2):
+    slave = FMU2Exchange
+
+
 class _Fmi3(Fmi3):
     """Life cycle of an FMI 3.0 FMU for model exchange, which has its own function for instantiation."""
 
-    def __init__(self) -> None:
-        super().__init__(FMU3Exchange)
+    slave = FMU3Exchange
 
     def instantiate(self, instance: Instance) -> None:
         with instance.calling("InstantiateModelExchange"):
@@ -215,7 +218,7 @@ class ModelExchange(Instance):
     `next_event` is the time event requested at the start (s); infinity without one.
     """
 
-    _standards: ClassVar[Mapping[int, Any]] = {2: Fmi2(FMU2Exchange), 3: _Fmi3()}
+    _standards: ClassVar[Mapping[int, Any]] = {2: _Fmi2(), 3: _Fmi3()}
     _integrator: Integrator | None = None
 
     def takes_ramp(self, variable: Variable) -> bool:

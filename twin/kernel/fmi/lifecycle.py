@@ -8,7 +8,7 @@ steps of the FMU.
 import math
 import os
 import weakref
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from ctypes import CFUNCTYPE, byref, c_char_p, c_double, c_int, c_uint
 from typing import Any, ClassVar
@@ -206,10 +206,9 @@ def _on_message_2(environment: int | None, instance: bytes, status: int, categor
 
 
 class Fmi2:
-    """Life cycle of an FMI 2.0 FMU: calls that instantiate, initialise and free it."""
+    """Life cycle of an FMI 2.0 FMU: calls that instantiate, initialise and free it; `slave` is FMPy's class."""
 
-    def __init__(self, slave: type = FMU2Drive):
-        self.slave = slave
+    slave: ClassVar[Callable[..., Any]] = FMU2Drive
 
     def load_binary(self, instance: Instance) -> Any:
         """Load the FMU's binary; return FMPy's instance. Missing functions are recorded in lenient mode."""
@@ -285,8 +284,7 @@ class Fmi2:
 class Fmi1(Fmi2):
     """Life cycle of an FMI 1.0 FMU, which has neither a tolerance nor an initialisation mode."""
 
-    def __init__(self) -> None:
-        super().__init__(FMU1Drive)
+    slave = FMU1Drive
 
     def instantiate(self, instance: Instance) -> None:
         callbacks = self._callbacks(fmi1, "fmi1CallbackFunctions", _on_message_1)
@@ -317,8 +315,7 @@ class Fmi1(Fmi2):
 class Fmi3(Fmi2):
     """Life cycle of an FMI 3.0 FMU, with event mode and early return if the FMU supports them."""
 
-    def __init__(self, slave: type = FMU3Drive):
-        super().__init__(slave)
+    slave = FMU3Drive
 
     def instantiate(self, instance: Instance) -> None:
         fmu, abilities = instance.fmu, instance.description.model.coSimulation

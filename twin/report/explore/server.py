@@ -17,6 +17,7 @@ import socket
 import struct
 import sys
 import threading
+import time
 from collections.abc import Mapping
 from http import HTTPStatus
 from importlib.resources import files
@@ -29,12 +30,12 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from twin.kernel.cache_folder import cache_folder
-from twin.kernel.errors import InputRefused, SafetyTrip, TwinError, terminal_text
+from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip, TwinError, terminal_text
 from twin.kernel.gate import LOOPBACK_HOST, Gate, own_page_policy
-from twin.kernel.process.guard import run_guarded
+from twin.kernel.process.guard import JobFailure, JobLoadFailure, run_guarded
 from twin.kernel.process.job import JobLimits
-from twin.report.explore import EXPLORED_FOLDER
-from twin.report.explore.processes import AnsweringProcess, OutdatedAnswer
+from twin.kernel.process.warm import WarmProcess
+from twin.report.explore import ANSWER_JOB, EXPLORED_FOLDER
 
 if TYPE_CHECKING:
     from twin.report.explore.session import LiveSession
@@ -48,6 +49,8 @@ ROBOT_INTERVAL = 0.2
 """Interval (s) between updates of a page with the robot's state."""
 PROCESS_COUNT = 2
 """Number of processes that run experiments."""
+OUTDATED_TIMEOUT = 3.0
+"""Maximum time (s) that an outdated request occupies a process."""
 LINK_PATH = "/link"
 """Path of a page's WebSocket."""
 CLOSE_TIMEOUT = 1.0
@@ -124,6 +127,38 @@ def error_message(problem: TwinError) -> str:
         return lines[0]
     print("\n".join(lines), file=sys.stderr)
     return f"an internal error of twin, see the terminal: {lines[-1]}"
+
+
+class OutdatedAnswer(TwinError):
+    """Exception that cancels an answer: a newer state was requested, and it exceeded `OUTDATED_TIMEOUT`."""
+
+
+class AnsweringProcess:
+    """A process kept running to answer requests of explorer pages."""
+
+    def __init__(self, limits: JobLimits):
+        self._process = WarmProcess(ANSWER_JOB, limits, self._raise_if_stale)
+        self.close = self._process.close
+
+    def answer(self, base: Mapping[str, Any], ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
+        """Answer the request `ask` of a page of `PageBase` by `twin.report.explore.worker.answer_request`.
+
+        `outdated` is set when a newer answer is requested. ComponentFailed: a drive crashed, hung or ended the process;
+        names the drive, place and time in one sentence. OutdatedAnswer: the answer was cancelled. TwinError: an
+        internal error.
+        """
+        self._outdated, self._began = outdated, time.monotonic()
+        try:
+            found: dict[str, Any] = self._process.answer(
+                {"here": str(Path.cwd()), "base": dict(base), "ask": dict(ask)}
+            )
+        except (JobFailure, JobLoadFailure) as ended:
+            raise ComponentFailed(str(ended)) from None
+        return found
+
+    def _raise_if_stale(self) -> None:
+        if self._outdated.is_set() and time.monotonic() - self._began > OUTDATED_TIMEOUT:
+            raise OutdatedAnswer("given up for a newer state")
 
 
 class ExplorerServer:
