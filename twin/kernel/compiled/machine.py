@@ -65,10 +65,9 @@ def _is_mathematics(name: str) -> bool:
 
 
 def with_c_entry(module: Module, returned: str) -> Module:
-    """Add to an LLVM module a C entry point that calls the inner function with its arguments and returns the result.
+    """Add a C entry point that calls the inner function and returns its result, of the LLVM type `returned`.
 
-    Args:
-        returned: LLVM type of the result. The entry point returns EXCEPTION_STATUS in place of an exception.
+    It returns EXCEPTION_STATUS in place of an exception.
     """
     inner = llvm.parse_assembly(module.text).get_function(module.inner)
     kinds = [str(argument.type) for argument in inner.arguments][2:]

@@ -90,10 +90,9 @@ class Rewind:
 
 @entry("nothing", "int", "int", "int", "int", at_once=True)
 def copy_pieces(table, count, buffer, back):
-    """Copy pieces of memory, listed in a `PIECE_RECORD` table, to their copies, or from them if `back` is set.
+    """Copy pieces of memory in a `PIECE_RECORD` table to their copies, or, if `back` is set, from them.
 
-    Args:
-        buffer: address that the addresses of the copies are counted from; 0 if they are addresses of memory.
+    Addresses of copies are counted from `buffer`; 0 if they are addresses of memory.
     """
     pieces = carray(pieces_at(table), count)
     for i in range(count):

@@ -61,8 +61,7 @@ def _play(
 ):  # fmt: skip
     """Step a component `steps[k]` times for each row k of inputs; store outputs and `pieces` of memory after each row.
 
-    Returns:
-        Completed rows: `count`, or fewer if a step `failed`.
+    Return the completed rows: `count`, or fewer if a step `failed`.
     """
     j = 0
     for k in range(count):

@@ -113,10 +113,9 @@ class PythonComponent(Component):
 
 
 class ObjectStates:
-    """Saved states of a Python object as a `Holder`; its tokens are the serialised state.
+    """Saved states of a Python object as a `Holder`, or why it is `lacking` them, as a verb phrase; "" if it has.
 
-    Attributes:
-        lacking: reason why its state cannot be saved, as a verb phrase; "" if it can.
+    Its tokens are the serialised state.
     """
 
     def __init__(self, label: str, model: Any):

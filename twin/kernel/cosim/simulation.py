@@ -49,8 +49,8 @@ def _not_finite(system: System, y: np.ndarray, culprit: int) -> str:
 class SimulationMemory:
     """Memory of a simulation that a supervising process can read while a step runs.
 
-    `mark` is (2,) int64: tick and component being stepped, NO_COMPONENT between slices; `u` the last inputs,
-    (inputs_width,).
+    `mark` is (2,) int64: tick and component being stepped, NO_COMPONENT between slices; `u` (inputs_width,) last
+    inputs.
     """
 
     mark: np.ndarray
@@ -169,8 +169,7 @@ class Simulation:
     def adopt(self, saved: SavedState) -> list[str]:
         """Restore the state of a system with more, fewer or changed components; return the names of those it lacks.
 
-        Components are matched by name; those it lacks keep their initial state. Constants of the experiment are
-        unchanged.
+        Components are matched by name; those it lacks keep their initial state, and constants of the experiment stay.
         """
         self._refuse_other_time(saved)
         new = self._places.adopt(saved)
@@ -204,8 +203,7 @@ class Simulation:
     def jump_to(self, tick: int, outputs: Mapping[str, np.ndarray]) -> None:
         """Set the simulation's present tick and outputs; the caller sets the state of the components.
 
-        `outputs` are the valid ones by component, also used for all other instants that the system stores; others are
-        kept.
+        `outputs` are valid ones by component, also used for all other instants that the system stores; others stay.
         """
         copies = self._copies()
         for component, start in self._starts:

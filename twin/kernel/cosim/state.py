@@ -68,8 +68,7 @@ class SavedContent(NamedTuple):
 class SavedState:
     """State of a system without addresses, which any process with the same system can restore.
 
-    `inside` are states in FMUs, Python objects or other processes; `about` is other JSON data, such as the run's
-    identity.
+    `inside` are states in FMUs, Python objects or processes; `about` is other JSON data, such as the run's identity.
     """
 
     tick: int
@@ -289,8 +288,7 @@ class StatePlaces:
     def _split_state(self, saved: SavedState) -> tuple[list[SavedPiece], dict[tuple[str, str], bytes]]:
         """Split a saved state into this process's memory pieces, and states by (component, holder name).
 
-        A holder that saves its whole component, which lives in another process, gets a `SavedState` with all its
-        pieces.
+        A holder of a whole component that lives in another process gets a `SavedState` with all its pieces.
         """
         pieces, left = list(saved.pieces), list(saved.inside)
         contents: dict[tuple[str, str], bytes] = {}

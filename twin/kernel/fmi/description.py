@@ -153,9 +153,8 @@ class FmuDescription:
     def settings(self, values: Mapping[str, Value]) -> Sequence[Setting]:
         """Check and convert values of FMU parameters and inputs, to be set before initialisation.
 
-        Raises:
-            InputRefused: an unknown name, a variable that cannot be set, a value out of range or not finite, a wrong
-                number of values, or a missing file.
+        InputRefused: an unknown name, a variable that cannot be set, a value out of range or not finite, a wrong number
+        of values, or a missing file.
         """
         settable = {v.name: v for v in (*self.parameters, *self.variables_of("input"))}
         checked = []

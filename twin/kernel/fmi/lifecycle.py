@@ -197,8 +197,7 @@ def _on_message_1(component: int | None, instance: bytes, status: int, category:
 def _on_message_2(environment: int | None, instance: bytes, status: int, category: bytes, message: bytes) -> None:
     """Forward a log message of an FMI 2.0 FMU to its instance.
 
-    FMPy's proxy calls the logger it was given last, for all FMUs: the logger has to serve all instances and outlive
-    them.
+    FMPy's proxy calls the logger given last, for all FMUs: it has to serve all instances and outlive them.
     """
     owner = _instances_2.get(environment or 0)
     if owner is not None:

@@ -114,11 +114,7 @@ def has_sources(names: Collection[str], sets: Sequence[Any]) -> bool:
 
 
 def install_compiled(digest: str, content: Path) -> None:
-    """Copy the library compiled for the FMU with SHA-256 `digest` to the folder `content` of its unpacked files.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Copy the FMU's (SHA-256 `digest`) compiled library to its unpacked files in `content`; OSError if that fails."""
     folder = _compiled_folder(digest)
     for library in folder.glob("binaries/*/*"):
         target = content / library.relative_to(folder)
@@ -132,8 +128,7 @@ def install_compiled(digest: str, content: Path) -> None:
 def compile_sources(file: Path, digest: str, model: Any, binary: str) -> CompiledLibrary:
     """Compile the sources of an FMU for this platform, unless they are compiled already.
 
-    `model` is FMPy's description with build configurations, `binary` the path that its library would have in the
-    archive.
+    `model` is FMPy's description with build configurations, `binary` the library's path in the archive.
     """
     done = compiled_library(digest, binary)
     if done is not None:

@@ -244,8 +244,8 @@ def simulate_saving(
 class StoredState:
     """An encoded state of a run at a simulation time (s), found in a recording.
 
-    `branch`: the restored run may have another experiment; `alive` are its components that the state lacks, at its
-    tick.
+    `branch`: the restored run may have another experiment; `alive` are its components, at that tick, that the state
+    lacks.
     """
 
     recording: Path

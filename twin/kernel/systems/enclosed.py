@@ -125,8 +125,7 @@ class EnclosedSystem:
     ) -> EnclosedComponent:
         """Initialise the enclosed system as a component that makes `every` ticks (of `tick` s) in a step.
 
-        The run takes `ticks`, 0 if unknown. Inputs without a port keep their start values; further arguments as of
-        `FmuComponent`.
+        The run takes `ticks`, 0 if unknown. Inputs without a port keep their start values; else as `FmuComponent`.
         """
         when = timing_inside(self.plan.package, self._flat, self.descriptions, tick, every, ticks)
         fed = {_wire(self, port.variable.name): (f"in{n}", port) for n, port in enumerate(inputs)}

@@ -150,8 +150,7 @@ class Cosimulation:
     def feed(self, input: str, signal: str) -> None:
         """Connect an input to a signal over time: an expression, `FILE.csv:COLUMN` or `RUN.mcap:SIGNAL`.
 
-        Raises:
-            InputRefused: the system is already running. An invalid signal is refused at the first step.
+        InputRefused: the system is already running. An invalid signal is refused at the first step.
         """
         self._refuse_running("signals")
         self._inputs.append(f"{input}={signal}")

@@ -52,8 +52,7 @@ def _imperfection_settings() -> tuple[str, ...]:
 def fig4_experiments(state: PageState) -> list[Experiment]:
     """Return the four experiments of the paper's Fig. 4, with the changes of `state` applied to each.
 
-    An explored file that is not among them replaces the first one, and the others are derived from it with the same
-    differences.
+    An explored file that is not among them replaces the first one, and the others differ from it as from that.
     """
     own = experiment_file(state.base.experiment).resolve()
     base = FIG4_EXPERIMENTS[0] if own in map(Path.resolve, map(experiment_file, FIG4_EXPERIMENTS)) else own

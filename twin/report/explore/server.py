@@ -144,8 +144,8 @@ class AnsweringProcess:
         """Answer the request `ask` of a page of `PageBase` by `twin.report.explore.worker.answer_request`.
 
         `outdated` is set when a newer answer is requested. ComponentFailed: a drive crashed, hung or ended the process;
-        names the drive, place and time in one sentence. OutdatedAnswer: the answer was cancelled. TwinError: an
-        internal error.
+        names drive, place and time in one sentence. OutdatedAnswer: the answer was cancelled. TwinError: an internal
+        error.
         """
         self._outdated, self._began = outdated, time.monotonic()
         try:

@@ -294,7 +294,7 @@ def curves(
 ) -> tuple[list[dict[str, Any]], int]:
     """Return (panels with their curves, JSON-serialisable, thinning factor); the samples go into each run's block.
 
-    A curve is [index of its first sample in the block, count, first time (s), time step (s)]; None for a run without
+    A curve is [index of its first sample in the block, count, first time (s), time step (s)], or None if a run lacks
     it.
     """
     found = [

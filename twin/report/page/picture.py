@@ -78,8 +78,7 @@ def _wait_until_done(process: GuardedProcess) -> bool:
 def picture(runs: Sequence[ReportRun], verdict: PageVerdict) -> AbstractContextManager[Callable[[], Markup | None]]:
     """Start drawing the report's picture of `runs`; the context manager yields a function that waits for the picture.
 
-    Fig. 4 for its two runs, Fig. 5 for runs with tasks, the layout of Fig. 4 for one run; the function returns None for
-    any other runs.
+    Fig. 4 for its two runs, Fig. 5 for runs with tasks, the layout of Fig. 4 for one run; None for any other runs.
     """
     if verdict.fig4 is not None:
         text = "Fig. 4 of the paper from these runs: A height, B pressing force, C, D force along x, y. "

@@ -85,10 +85,9 @@ def _load_recording(run: Path, maps: Sequence[str]) -> Recording:
 
 
 def selected_signals(recording: Recording, patterns: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return the names `topic.field` of a recording that match any of `patterns`, in file order; all without patterns.
+    """Return the names `topic.field` of a recording that match any of `patterns`, in file order; all without.
 
-    Args:
-        patterns: `arm.tip`, or with wildcards `arm.*`, `*.force`; a topic's name alone, `arm`, selects all its fields.
+    A pattern is `arm.tip`, has wildcards, `arm.*`, `*.force`, or selects all fields of a topic, `arm`.
     """
     fields = recording.fields()
     for pattern in patterns:

@@ -183,8 +183,7 @@ class Log:
     def vector(self, name: str) -> LogSeries:
         """Return the components `name[0]`, `name[1]`, ... of a vector signal as one series of values (n, k).
 
-        Raises:
-            LogError: missing or unreadable components, or components that differ in unit or have no times in common.
+        LogError: missing or unreadable components, or components that differ in unit or have no times in common.
         """
         names = [*self.series, *self.left_out]
         indices = sorted(int(m[1]) for key in names if (m := re.fullmatch(re.escape(name) + r"\[(\d+)\]", key)))

@@ -72,11 +72,7 @@ def topic_of(column: MappedColumn, topics: Iterable[str]) -> str | None:
 
 
 def factor_of(column: MappedColumn, field_path: str, of_type: str, where: Path | str) -> Unit:
-    """Determine the unit of a mapped column: from the map, else the message's type, else the field's name, else 1.
-
-    Raises:
-        LogError: an unknown unit; the message begins with `where`.
-    """
+    """Return a column's unit: the map's, the message's type's, the field name's, or 1; LogError begins with `where`."""
     return require_unit(column.unit or of_type or split_unit(field_path)[1] or "1", f"{where}: {column.name}")
 
 
@@ -212,8 +208,7 @@ class TopicReading:
     def series(self, field_path: str, column: MappedColumn) -> LogSeries:
         """Return the values of a message field as a series, in SI and in order of time.
 
-        Raises:
-            LogError: no such field or unit, no numbers, equal times or a restart.
+        LogError: no such field or unit, no numbers, equal times or a restart.
         """
         where = f"{self._path}: {self._name}"
         numbers = self._found[field_path]
