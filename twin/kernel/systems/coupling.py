@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.kernel.cosim.component import Component
-from twin.kernel.cosim.delay import columns, play
+from twin.kernel.cosim.delay import play
 from twin.kernel.cosim.loop import DIFFERENCE_STEP, MAX_PASSES, MAX_RESIDUAL, MIN_SCALE, LoopComponent
-from twin.kernel.cosim.port import Port, width
+from twin.kernel.cosim.port import Port, by_port, width
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi.component import FmuComponent, open_instance
@@ -370,8 +370,7 @@ def _start_signals(plan: SystemPlan) -> dict[str, np.ndarray]:
     for component in plan.extras.components:
         if component.name in plan.extras.signals:
             rows, _ = play(component, start, np.array([plan.timing.tick]), np.zeros((1, 0)))
-            found |= {f"{component.name}.{name}": np.atleast_1d(values[0])
-                      for name, values in columns(component, rows).items()}  # fmt: skip
+            found |= {f"{component.name}.{name}": v for name, v in by_port(component.outputs, rows[0]).items()}
     return found
 
 

@@ -22,7 +22,7 @@ from twin.kernel.fmi.variable import (
 from twin.kernel.recording.writer import EVENTS_TOPIC
 from twin.kernel.ssp.flat import AssignedValue, FlatSystem, Lead, UnitStep
 from twin.kernel.ssp.package import Package
-from twin.kernel.ssp.structure import FMU_TYPE, REAL_TYPES, Connector, Endpoint
+from twin.kernel.ssp.structure import FMU_TYPE, REAL_TYPES, Connector, Endpoint, Implementation
 from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.extras import Feed, SystemExtras
 from twin.kernel.systems.naming import (
@@ -39,7 +39,7 @@ from twin.kernel.systems.unit_conversion import ParsedUnit, connection_map, pars
 
 MAX_HINT_NAMES = 1000
 """Maximum number of names that are searched for a suggestion."""
-IMPLEMENTATION_KINDS: Mapping[str, Kind | None] = {
+IMPLEMENTATION_KINDS: Mapping[Implementation, Kind | None] = {
     "any": None,
     "CoSimulation": "co_simulation",
     "ModelExchange": "model_exchange",
@@ -170,7 +170,7 @@ def plan_system(
 
 
 def _choose_kind(
-    file: Path, stated: str, path: str, choice: MasterChoice, read: Callable[..., FmuDescription]
+    file: Path, stated: Implementation, path: str, choice: MasterChoice, read: Callable[..., FmuDescription]
 ) -> FmuDescription:
     """Describe a component's FMU as the kind chosen by name, else stated in the file, else chosen for all."""
     usual = read(file)

@@ -11,14 +11,11 @@ from twin.kernel.fmi.variable import Variable
 from twin.kernel.ssp import structure as ssp
 from twin.kernel.ssp.package import MAX_FMU_SIZE, SCHEME_ANNOTATION
 from twin.kernel.ssp.ssd import structure_xml
-from twin.kernel.systems.plan import SystemPlan
+from twin.kernel.systems.plan import IMPLEMENTATION_KINDS, SystemPlan
 from twin.kernel.systems.timing import ORDER_ANNOTATION, step_notes
 
 STEP_ANNOTATION = "twin.step"
-IMPLEMENTATION_NAMES: Mapping[str, ssp.Implementation] = {
-    "co_simulation": "CoSimulation",
-    "model_exchange": "ModelExchange",
-}
+IMPLEMENTATION_NAMES = {kind: name for name, kind in IMPLEMENTATION_KINDS.items() if kind}
 
 
 def ssp_archive(plan: SystemPlan) -> bytes:
