@@ -60,7 +60,7 @@ def _link_latest(latest: Path, run: str | None) -> None:
 
 
 def claim_run_folder(folder: Path) -> Path:
-    """Create the user's `folder` for one run; if named like ours, a marker file makes every command keep it."""
+    """Create the user's `folder` for one run; a name like `create_run_folder`'s gets a marker: all commands keep it."""
     with translate_disk_errors(folder, "cannot be read", RecordingError):
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise RecordingError(f"{folder}: exists and is not empty; name a new folder, a run is never overwritten")

@@ -60,8 +60,11 @@ class Stream:
 class Recording:
     """Contents of a recording: `recording["arm.tip"]`, `recording.time("arm")`.
 
-    `streams` are numeric topics without the leading slash; `metadata` is name -> key -> text, records of one name
-    merged, later keys win; `complete`: finished and undamaged, else `note` says why not and how far it was read.
+    Attributes:
+        streams: numeric topics by name, without the leading slash.
+        metadata: name -> key -> text; records of one name are merged, later keys win.
+        complete: whether the file was finished and is undamaged.
+        note: why the recording is incomplete and how far it was read; empty if complete.
     """
 
     path: Path
@@ -74,7 +77,8 @@ class Recording:
     def __getitem__(self, key: str) -> np.ndarray:
         """Return the values of series `topic.field`: (n,), or (n, size) for a vector; float64, int64 or bool.
 
-        UnknownSeries suggests the nearest names.
+        Raises:
+            UnknownSeries: unknown topic or field; the error message suggests the nearest names.
         """
         if key not in self.fields():
             hint = nearest(str(key), self.fields(), "it holds {}", 3)
@@ -95,7 +99,11 @@ class Recording:
         return self.fields().keys()
 
     def time(self, topic: str) -> np.ndarray:
-        """Return the simulation times (s) of a topic's messages, (n,); UnknownSeries suggests the nearest topics."""
+        """Return the simulation times of the messages of `topic`, s, (n,).
+
+        Raises:
+            UnknownSeries: unknown topic; the error message suggests the nearest names.
+        """
         if topic not in self.streams:
             raise UnknownSeries(
                 f"{self.path}: no topic {topic!r}; {nearest(topic, self.streams, 'it holds {}', 3)}", topic
@@ -177,12 +185,17 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, int]]:
 
 
 def read(path: str | Path, *, salvage: bool = False) -> Recording:
-    """Read a recording from `NAME.mcap` or `NAME.mcap.partial`, a run's folder, or results/<experiment> (latest run).
+    """Read a recording from its file, finished or not.
 
     An unfinished file is read up to its last complete chunk, and `complete` and `note` of the result report it.
 
-    RecordingError: missing, empty, not MCAP or not in the layout of `Writer`. RecordingDamageError: bytes have changed
-    since they were written; with `salvage` the data before the damage is returned instead.
+    Args:
+        path: `NAME.mcap` or `NAME.mcap.partial`, a run's folder, or results/<experiment> for its latest run.
+        salvage: return the data before the damage instead of raising.
+
+    Raises:
+        RecordingError: missing, empty, not MCAP or not in the layout of `Writer`.
+        RecordingDamageError: bytes have changed since they were written (unless salvage).
     """
     path = Path(path)
     if path.is_dir():
