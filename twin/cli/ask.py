@@ -39,7 +39,7 @@ LIMIT_OPTIONS = ("limit_step", "limit_wall")
 def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
     """Run a study for a command: print its answers as text or JSON, and end the process with its exit code.
 
-    SystemExit: the code is not 0; InputRefused: limits of a process without a process (--isolate none); TwinError: the
+    SystemExit: the code is not 0. InputRefused: limits of a process without a process (--isolate none). TwinError: the
     study raised one, or an FMU ended its process, see `run_isolated` and `run_recording_job`.
     """
     marked: Study = vars(function)["study"]
@@ -123,8 +123,8 @@ def run_recording_job(
     """Run a job that records runs and return its result; error messages include the state of the recording.
 
     Arguments are as of `run_guarded`; with the isolation "none" it runs in this process, and without `on_note` the
-    display gets its notes. ComponentFailed: an FMU crashed, hung or ended the process after stepping had begun;
-    StudyInterrupt: Ctrl-C, after the folder was created; TwinError: the job raised one.
+    display gets its notes. ComponentFailed: an FMU crashed, hung or ended the process after stepping had begun.
+    StudyInterrupt: Ctrl-C, after the folder was created. TwinError: the job raised one.
     """
     on_note = on_note or display.on_note
     try:

@@ -43,7 +43,7 @@ class Outlet(_Stream):
     def write(self, text: str) -> int:
         """Write text to standard output; return the number of characters.
 
-        NoReader: the reader has gone; NotWritten: the stream cannot be written.
+        NoReader: the reader has gone. NotWritten: the stream cannot be written.
         """
         with _writing_output():
             return self._stream.write(text)

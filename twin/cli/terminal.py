@@ -247,7 +247,7 @@ class TerminalDisplay:
     """Display of a command: progress on standard error if that is a terminal, results of runs on standard output.
 
     The results are JSON if `as_json`. A run that loads immediately announces its compilation without a terminal too.
-    `folder` is that of the current run; None before the first.
+    `folder` is the folder of the current run; None before the first.
     """
 
     def __init__(self, as_json: bool = False, loading: bool = True):

@@ -25,7 +25,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
     """Write a file atomically: yield a temporary path in its folder, and rename that to `path` if the block succeeds.
 
     Missing folders are created. A link is followed: its target is replaced, the link stays. InputRefused: a folder,
-    pipe or device is at `path`, which a file must not replace; NotWritten: the folder or the disk refuses, and an
+    pipe or device is at `path`, which a file must not replace. NotWritten: the folder or the disk refuses, and an
     existing file is unchanged.
     """
     with translate_disk_errors(path, caught=PATH_ERRORS):

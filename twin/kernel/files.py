@@ -76,7 +76,7 @@ def open_regular(path: Path, limit: int, kind: str = "file") -> BinaryIO:
 
 
 def suggestion(path: Path) -> str:
-    """Return a hint to the nearest name, `; did you mean 'folder/file.toml'?`; "" if none, or an unreadable folder."""
+    """Return a hint to the nearest name, `; did you mean 'folder/file.toml'?`; "" without a similar name."""
     try:
         beside = {there.stem: there for there in path.parent.iterdir() if there.suffix == path.suffix}
     except PATH_ERRORS:

@@ -209,7 +209,7 @@ class Values(tuple[Any, ...]):
     broken_by: ClassVar[dict[str, str]]
 
     def __init_subclass__(cls, parts: Iterable[Fields] = (), first: str = "") -> None:
-        """Declare the fields of the record: those of all `parts`, in order.
+        """Declare the fields of the record, the fields of all `parts` in order.
 
         Fields of `first` are at the beginning of the memory, in this order.
         """

@@ -29,10 +29,10 @@ def step_function(
     """Decorate a function `f(m, t, h, u, y) -> int32` to be compiled as the step of a component.
 
     `m` is the component's memory, a record of dtype `memory`. `u` and `y` are records with a field for each port: a
-    step reads `u.force[2]` and writes `y.speed`, and a wrong name does not compile. If there are no ports, or they are
-    known only at its creation, `u` or `y` is a pointer to doubles, which `carray` converts to an array. The machine
-    code is stored on disk. Division by zero gives NaN or infinity; functions that `f` calls need `error_model="numpy"`
-    for that.
+    step reads `u.force[2]` and writes `y.speed`, and a wrong name does not compile. Without ports, or if they are known
+    only at its creation, `u` or `y` is a pointer to doubles, which `carray` converts to an array. The machine code is
+    stored on disk. Division by zero gives NaN or infinity; functions that `f` calls need `error_model="numpy"` for
+    that.
     """
     u, y = (port_record(ports) if ports else "doubles" for ports in (inputs, outputs))
     takes: tuple[Kind, ...] = (memory, "double", "double", u, y)
@@ -294,8 +294,8 @@ class NativeComponent(Component):
     """A component with a compiled step over a record; the fields declared as `state` are its state.
 
     `step` is decorated by `step_function`, `memory` its record, (1,). `pointers`: field of `memory` -> array whose
-    address it gets; `keep` owns memory behind other addresses. If there is none, `memory` and `pointers` are all data
-    of the step, which can then run in another place: the component is `portable`. A sampled one overwrites
+    address it gets; `keep` owns memory behind other addresses. Without `keep`, `memory` and `pointers` are all data of
+    the step, which can then run in another place: the component is `portable`. A sampled one overwrites
     `initial_outputs` (None for zeros) at tick 0.
     """
 

@@ -32,7 +32,7 @@ class Observer:
 
     The stepping thread calls all observers in order between slices, so slow observers delay the run. Observers must not
     write to rows. Once `enough` is set, the simulation may end early after a slice; a slice begins at the ticks in
-    `halts`; `lasting` names the attributes that belong to the state of a run.
+    `halts`. `lasting` names the attributes that belong to the state of a run.
     """
 
     enough = False

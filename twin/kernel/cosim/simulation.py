@@ -60,8 +60,8 @@ class SimulationMemory:
 class Simulation:
     """A run of a `System` to `last_tick`, which gets a row but no step; `failure`, `culprit` describe an early end.
 
-    `advance` makes at most `slice_ticks`, and counts each component's processor cycles if `timed`; `memory` is that of
-    mark and inputs, None to use `HOOKS.memory`.
+    `advance` makes at most `slice_ticks`, and counts each component's processor cycles if `timed`. `memory` has mark
+    and inputs; None to use `HOOKS.memory`.
     """
 
     def __init__(
@@ -147,7 +147,7 @@ class Simulation:
     def restore(self, state: SystemState | SavedState) -> None:
         """Restore a saved `state` of this simulation or one of the same system; `last_tick` is unchanged.
 
-        InputRefused: of another system, or a component cannot restore it; ComponentFailed: an FMU refuses.
+        InputRefused: of another system, or a component cannot restore it. ComponentFailed: an FMU refuses.
         """
         if isinstance(state, SavedState):
             self._refuse_other_time(state)

@@ -68,7 +68,7 @@ class SavedContent(NamedTuple):
 class SavedState:
     """State of a system without addresses, which any process with the same system can restore.
 
-    `inside` are states in FMUs, Python objects or processes; `about` is other JSON data, such as the run's identity.
+    `inside` are states in FMUs, Python objects or processes. `about` is other JSON data, such as the run's identity.
     """
 
     tick: int
@@ -87,7 +87,7 @@ class SavedState:
 
     @classmethod
     def from_bytes(cls, content: bytes, where: str) -> "SavedState":
-        """Read a state written by `to_bytes`; InputRefused if it is none, of another version, or damaged."""
+        """Read a state written by `to_bytes`; InputRefused if it is invalid, of another version, or damaged."""
         try:
             size = zstandard.frame_content_size(content)
             if not 8 <= size <= MAX_STATE_SIZE:
@@ -154,7 +154,7 @@ class SystemState:
     def saved(self, **about: Any) -> SavedState:
         """Export the state for another process, with data `about` it.
 
-        InputRefused: a component's state cannot be serialised; ComponentFailed: an FMU refuses.
+        InputRefused: a component's state cannot be serialised. ComponentFailed: an FMU refuses.
         """
         return self.places.export_state(self, about)
 

@@ -186,8 +186,8 @@ class System:
     def table(self, u: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Make the table of components for the compiled loop, `COMPONENT_RECORD` (number of components,).
 
-        `u` is the memory of all inputs, (inputs_width,), `y` that of all outputs, from `outputs`. The table contains
-        addresses of these and of this system without keeping them alive.
+        `u` is the memory of all inputs, (inputs_width,), `y` the memory of all outputs, from `outputs`. The table
+        contains addresses of these and of this system without keeping them alive.
         """
         table = np.zeros(len(self.components), dtype=COMPONENT_RECORD)
         table["step"] = [c.step_address for c in self.components]

@@ -171,8 +171,8 @@ class FmuComponent(Component):
         solver: solver for model exchange; None for CVODE.
         unread: names of output ports that nothing reads; they need not be finite.
 
-    InputRefused: it cannot be initialised, an output is not finite afterwards, or there is no CVODE for this platform;
-    ComponentFailed: an output cannot be read.
+    InputRefused: it cannot be initialised, an output is not finite afterwards, or CVODE is not available for this
+    platform. ComponentFailed: an output cannot be read.
     """
 
     def __init__(

@@ -435,7 +435,7 @@ def handle_events(address, n, t):
 
 @entry("int", "int", "int", "int", "double")
 def update_discrete_states(address, active, n, t):
-    """Update discrete states in event mode, the clocks `active` (bit mask), until none needs it; return a status."""
+    """Update discrete states in event mode, with the clocks `active` (bit mask), until stable; return a status."""
     e = carray(_events_at(address), 1)[0]
     clocks = carray(_clocks_at(e.clock_table), e.clocks)
     flags, next_time = carray(bytes_at(e.returned), 16), carray(doubles_at(e.returned), 1)

@@ -110,8 +110,8 @@ def _is_true(text: str | None) -> bool:
 class FmuDescription:
     """Description of an FMU that has passed all checks that need no binary; `model` is FMPy's.
 
-    `version` is that of FMI, 1, 2 or 3; `identifier` the name of the binary; `platforms` the folders with binaries in
-    the archive; `compiler` what built its library on this machine, "" if that came with the FMU.
+    `version` is the FMI version 1, 2 or 3; `identifier` the name of the binary; `platforms` the folders with binaries
+    in the archive; `compiler` the compiler of its library on this machine, "" if the library came with the FMU.
     """
 
     path: Path

@@ -107,8 +107,8 @@ def react(m, t, h, u, y):
 class Integrator:
     """Solver of a model-exchange FMU's equations, with the memory of its compiled step.
 
-    The model is in continuous-time mode and has `width` input values; `tables` are `groups.GROUP_RECORD` of inputs and
-    outputs, empty if the caller sets and reads them. `memory` is (1,) of `SOLVER_MEMORY`; `block` is contiguous memory
+    The model is in continuous-time mode and has `width` input values. `tables` are `groups.GROUP_RECORD` of inputs and
+    outputs, empty if the caller sets and reads them. `memory` is (1,) of `SOLVER_MEMORY`. `block` is contiguous memory
     that steps change, to be saved and restored as bytes.
     """
 

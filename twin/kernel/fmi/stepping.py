@@ -58,7 +58,7 @@ def with_end_ports(instance: Instance, inputs: Sequence[FmuPort]) -> list[FmuPor
 class Stepping:
     """Compiled step of a co-simulation FMU instance in step mode, with its memory.
 
-    `shift` are offsets added to the output values (SI); `inputs` are as of `with_end_ports`, `outputs` with slots and
+    `shift` are offsets added to the output values (SI). `inputs` are as of `with_end_ports`, `outputs` with slots and
     shifts. `discard_reported`: discarded steps have been reported.
     """
 

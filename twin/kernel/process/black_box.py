@@ -122,9 +122,9 @@ class Announcer:
 class Participant:
     """A component of the running job, as described to the supervisor for error messages.
 
-    `function` is the FMI function that its step calls, empty if it is no FMU; `sampled`: evaluated at a time rather
-    than stepped over an interval; `first_input` is an index in the black box; `inputs` are (name, size, unit) of each
-    port.
+    `function` is the FMI function that its step calls, empty for other components. `sampled`: evaluated at a time
+    rather than stepped over an interval. `first_input` is an index in the black box. `inputs` are (name, size, unit) of
+    each port.
     """
 
     name: str

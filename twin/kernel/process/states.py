@@ -105,8 +105,8 @@ def _time_text(saved: SavedState) -> str:
 class RunStates(Observer):
     """Observer that saves states of a run, whose `identity` is `about`, to its recording; a tick lasts `tick` s.
 
-    The state of observers in `lasting` is saved too; the recorder is one of them. `lacking` says why no states are
-    saved, as a sentence; "" if they are.
+    The state of observers in `lasting` is saved too; the recorder is one of them. `lacking` is the reason why no states
+    are saved, as a sentence; "" if they are.
     """
 
     def __init__(
@@ -171,7 +171,7 @@ class RunStates(Observer):
 
 
 def state_ticks(times: Iterable[float], every: float | None, tick: float, last: int) -> set[int]:
-    """Compute the ticks at which a run's state is saved: at `times` (s), and `every` interval (s; None for none)."""
+    """Compute the ticks at which a run's state is saved: at `times` (s), and at the interval `every` (s), if any."""
     ticks = {round(t / tick) for t in times}
     if every is not None:
         step = max(1, round(every / tick))
@@ -225,7 +225,7 @@ def simulate_saving(
     """Simulate a recorded system and save its states on the way, the last one even if the run is interrupted.
 
     Arguments are as of `simulate`; `states` saves states but the last one, `saved` is the one to restore, None for tick
-    0. InputRefused: it is of another system; KeyboardInterrupt: Ctrl-C or SIGTERM, once the state is saved.
+    0. InputRefused: it is of another system. KeyboardInterrupt: Ctrl-C or SIGTERM, once the state is saved.
     """
     interrupts = Interrupts()
     with interrupts.listening():
@@ -244,7 +244,7 @@ def simulate_saving(
 class StoredState:
     """An encoded state of a run at a simulation time (s), found in a recording.
 
-    `branch`: the restored run may have another experiment; `alive` are its components, at that tick, that the state
+    `branch`: the restored run may have another experiment. `alive` are its components, at that tick, that the state
     lacks.
     """
 

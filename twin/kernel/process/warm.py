@@ -55,7 +55,7 @@ class WarmProcess:
     def answer(self, arguments: Mapping[str, Any]) -> Any:
         """Run the job in the warm process, called with `arguments`, and return its result, through JSON.
 
-        JobFailure, JobLoadFailure: the process ended, or exceeded a limit; TwinError: the job or `check` raised one.
+        JobFailure, JobLoadFailure: the process ended, or exceeded a limit. TwinError: the job or `check` raised one.
         """
         if self._process is None:
             self._process = process_for(self._job)
@@ -85,7 +85,7 @@ class _PoolShutdown(Exception):
 class Pool(Generic[Task, Answer]):
     """Pool of `count` reusable guarded processes, one thread each; a context manager that ends them, busy or not.
 
-    Each starts with its first task, to which `ask` returns the answer.
+    A process starts with its first task; `ask` returns the answer to a task.
     """
 
     def __init__(self, count: int, job: str, limits: JobLimits, ask: Callable[[WarmProcess, Task], Answer]):

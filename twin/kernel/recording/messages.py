@@ -87,7 +87,7 @@ BLANK_BITS = 0x7FC0_7749
 class Field:
     """A recorded quantity of a topic, of `size` values in every message (1 for a scalar).
 
-    The name is a letter, then letters, digits and underscores: `tip_speed`; `int` has 64 bits, for counts; the unit is
+    The name is a letter, then letters, digits and underscores: `tip_speed`. `int` has 64 bits, for counts; the unit is
     SI, `1` for pure numbers; the meaning is a sentence for readers of the file, with frame and sign. ValueError:
     invalid name, size or kind.
     """
@@ -273,7 +273,7 @@ class Filling:
     def fill(self, to: int, times: int, count: int, first_sequence: int, rows: np.ndarray) -> bool:
         """Write `count` message records at address `to`; return whether all values for integer fields are integers.
 
-        `times` is the address of the log times, ns, (count,) int64; `rows` is (count, columns) float64.
+        `times` is the address of the log times, ns, (count,) int64. `rows` is (count, columns) float64.
         """
         if rows.dtype != FLOAT_TYPE or rows.strides[1] != FLOAT_BYTES or rows.strides[0] % FLOAT_BYTES:
             rows = np.ascontiguousarray(rows, dtype=FLOAT_TYPE)
@@ -301,8 +301,8 @@ class Filling:
 class MessageLayout:
     """Layout of the bytes of one topic's message records in the file, each `stride` bytes long.
 
-    `filling` is a record with every number zero: tags, lengths and channel only; `framing` are slices without numbers,
-    equal in every message; `head` is the structured dtype of the front, `values` that of the numbers, one name per
+    `filling` is a record with every number zero: tags, lengths and channel only. `framing` are slices without numbers,
+    equal in every message. `head` and `values` are structured dtypes, of the front and of the numbers, one name per
     field.
     """
 
@@ -404,9 +404,9 @@ def blank_value(column: int) -> float:
 class MessageForm:
     """A recorded stream, one every `period` ticks, of a viewer's messages that differ only in times and numbers.
 
-    The name, `tf`, lacks the leading slash that it has in the file; `example` has `blank_value(0)`, `blank_value(1)`,
-    ... in fields of type double, each at least once, and `BLANK_TIME`; `width` is that of rows passed to
-    `Writer.write`.
+    The name, `tf`, lacks the leading slash that it has in the file. `example` has `blank_value(0)`, `blank_value(1)`,
+    ... in fields of type double, each at least once, and `BLANK_TIME`. `width` is the number of columns of rows passed
+    to `Writer.write`.
     """
 
     name: str

@@ -151,8 +151,8 @@ class Damage(Exception):
 class Scan:
     """Sequential reader of the MCAP records of a recording's file, which checks them; `position` is their end so far.
 
-    After `contents`, `complete` says whether the file has the ending of a finished one; `rest` are bytes at the end
-    that make no complete record; `statistics` is the file's record, None if missing or not complete.
+    After `contents`, `complete` is true if the file has the ending of a finished one. `rest` are bytes at the end that
+    make no complete record. `statistics` is the file's record, None if missing or not complete.
     """
 
     file: BinaryIO

@@ -107,7 +107,7 @@ def encode_record(record: McapRecord) -> bytes:
 class Summary:
     """Records of an MCAP file's summary section (indexes and statistics) for everything written so far.
 
-    Schemas and channels are those of the first chunk; messages are counted by channel number.
+    Schemas and channels are written in the first chunk; messages are counted by channel number.
     """
 
     schemas: list[Schema]

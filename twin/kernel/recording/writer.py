@@ -170,7 +170,7 @@ def _scatter(content, source, blocks, number, places, messages):
 class _MergeOrder:
     """Order of message records of some blocks, merged by time, in `pieces` as of `MergedRecords`.
 
-    `places` are the destination offsets, block after block, (n,) int64; `table` are arguments of `_scatter`.
+    `places` are the destination offsets, block after block, (n,) int64. `table` are arguments of `_scatter`.
     """
 
     def __init__(self, shapes: Sequence[BlockShape], places: np.ndarray, pieces: tuple[Piece, ...]):
@@ -216,7 +216,7 @@ def _piece(since: np.ndarray, channels: np.ndarray, offsets: np.ndarray) -> Piec
 class OpenTopic:
     """State of a topic, with a message every `period` ticks of `width` numbers, while a recording is written.
 
-    `fields` are empty for a form; `next_tick` is the earliest of its next row.
+    `fields` are empty for a form. `next_tick` is the earliest of its next row.
     """
 
     channel: int
@@ -270,7 +270,7 @@ class Writer:
 
         `/events` is added to the numeric topics. A tick lasts `tick` s. `forms` are topics for viewers, `others` have
         messages recorded unchanged; `read` skips both. RecordingWriteError: the file cannot be created or the disk is
-        full; ValueError: two topics of one name, or of different fields whose names give one message type, or a form
+        full. ValueError: two topics of one name, or of different fields whose names give one message type, or a form
         whose example lacks a column.
         """
         streams: list[Topic | MessageForm] = [*topics, *forms]

@@ -20,7 +20,7 @@ MAX_BINDINGS = 1_000_000
 class UnitStep(NamedTuple):
     """A step of a value over SSP connections: conversion to the target unit, unless suppressed, then a transformation.
 
-    The transformation is of a connection or mapping entry; `unit` is of the system connector where the step ends, "" if
+    The transformation is of a connection or mapping entry. `unit` is of the system connector where the step ends, "" if
     it does not change, or for the last step.
     """
 
@@ -51,8 +51,8 @@ class AssignedValue:
 class FlatSystem:
     """An SSP system whose subsystems are dissolved into one list of components and connections.
 
-    Components are by path ("motor", "arm.motor"), in file order, with at most one lead per input; `assigned` has the
-    value of highest precedence by path and variable; `ignored` names in parameter sets that match no variable;
+    Components are by path ("motor", "arm.motor"), in file order, with at most one lead per input. `assigned` has the
+    value of highest precedence by path and variable. `ignored` names in parameter sets that match no variable;
     `entrances` the component inputs that an input connector of the outermost system feeds, with conversions; `exits`
     the connection that feeds its output connector.
     """

@@ -28,8 +28,8 @@ MAX_FMU_SIZE = 512 << 20
 class Package:
     """A system read from an archive or files: its structure, and access to its FMUs and tables.
 
-    `file` is the archive, or names the other files; `entries` has sizes (bytes) by entry name, `loose` files by entry
-    name (empty for an archive); `form` names the format, for messages, `scheme` the coupling that its tools use;
+    `file` is the archive, or names the other files. `entries` has sizes (bytes) by entry name, `loose` files by entry
+    name (empty for an archive). `form` names the format, for messages, `scheme` the coupling that its tools use.
     `omissions` are ignored statements, one sentence each.
     """
 

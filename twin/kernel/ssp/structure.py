@@ -98,8 +98,8 @@ class ParameterValue:
 
     The type is "Real", "Integer", "Boolean", "String", "Enumeration", "Binary", or of FMI 3.0: "Float64". Values are
     one or the elements of an array: numbers (0.0 and 1.0 for Boolean), text for String and for an item of an
-    Enumeration, hexadecimal digits for Binary. The unit "" is that of the target; `description` is the source of the
-    value, or "".
+    Enumeration, hexadecimal digits for Binary. The unit "" stands for the unit of the target. `description` is the
+    source of the value, or "".
     """
 
     name: str
@@ -276,8 +276,8 @@ def transformation_of(element: ET.Element, where: str) -> Transformation:
 class Connector:
     """A connector (input, output or parameter) of an SSP component (a variable of its FMU) or system.
 
-    The type is "Real", "Float64", "Integer" ..., it and the unit are "" for those of the variable; `dimensions` are
-    sizes of an array (SSP 2.0): numbers, or names of connectors that provide them.
+    The type is "Real", "Float64", "Integer" ...; "" stands for the type or unit of the variable. `dimensions` are sizes
+    of an array (SSP 2.0): numbers, or names of connectors that provide them.
     """
 
     name: str
@@ -331,7 +331,7 @@ class Connection:
 class SspSystem:
     """An SSP system of components and nested systems, joined by connections.
 
-    `connectors` are its own, for the enclosing system; `bindings` have values "element.parameter" for all its elements.
+    `connectors` are its own, for the enclosing system. `bindings` have values "element.parameter" for all its elements.
     """
 
     name: str

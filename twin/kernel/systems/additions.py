@@ -25,7 +25,7 @@ _LIST_PATTERN = re.compile(r"\[(?P<values>.*)\]")
 
 @dataclass(frozen=True)
 class Additions:
-    """Changes to a system given on the command line: texts NAME=VALUE, SSV files, inputs over time, what to record.
+    """Changes to a system given on the command line: texts NAME=VALUE, SSV files, inputs over time, signals to record.
 
     Inputs are NAME=SOURCE, or files whose columns have the names of inputs. Later SSV files take precedence, and
     settings over all files. Signals are recorded by name patterns; all outputs without patterns.

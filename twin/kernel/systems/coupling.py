@@ -30,9 +30,9 @@ from twin.kernel.systems.plan import SystemPart, SystemPlan
 class PreparedSystem:
     """A co-simulation system with initialised and coupled FMUs, ready to run.
 
-    The plan lacks outputs that an FMU turned out not to return; `system` has components in plan order, parts of a
-    solved loop merged into one; `settled`: every input initially equals its source; `columns` is the slice of a row by
-    part name; `forgiven` are accepted violations of binaries.
+    The plan lacks outputs that an FMU turned out not to return. `system` has components in plan order, parts of a
+    solved loop merged into one. `settled`: every input initially equals its source. `columns` is the slice of a row by
+    part name. `forgiven` are accepted violations of binaries.
     """
 
     plan: SystemPlan
@@ -97,8 +97,8 @@ def initialise_fmus(
 ) -> InitialFmus:
     """Initialise the FMUs of a system together, and make components of them, which `made` closes.
 
-    Arguments are as of `couple_system` and, by component, `FmuComponent`; `given` are initial outputs of components
-    that are not FMUs, `solved` loops whose initial values are solved for; `free`: unread outputs may be non-finite, and
+    Arguments are as of `couple_system` and, by component, `FmuComponent`. `given` are initial outputs of components
+    that are not FMUs, `solved` loops whose initial values are solved for. `free`: unread outputs may be non-finite, and
     unreadable local variables are dropped.
     """
     fed = {source for source, _ in plan.wires}

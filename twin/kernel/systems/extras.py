@@ -11,7 +11,7 @@ from twin.kernel.ssp.structure import Endpoint
 class Feed:
     """A connection to an FMU input `end` (path, variable) from an output "component.port" of the master, like a signal.
 
-    `by` is its origin, for messages; `unit` that of the value, "" for the variable's; `hops` are its conversions.
+    `by` is its origin, for messages, `unit` the unit of the value, "" for the variable's, `hops` its conversions.
     """
 
     end: Endpoint

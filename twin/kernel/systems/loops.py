@@ -13,7 +13,7 @@ Graph = Mapping[str, Sequence[str]]
 class AlgebraicLoop:
     """A cycle of outputs and inputs that depend on each other at one instant.
 
-    `path` is one cycle, "a.y -> b.u -> b.y -> a.u"; `parts` are names in the master, in step order; `silent` the
+    `path` is one cycle, "a.y -> b.u -> b.y -> a.u". `parts` are names in the master, in step order; `silent` the
     components that do not declare the dependencies of their outputs.
     """
 

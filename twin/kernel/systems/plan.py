@@ -72,7 +72,7 @@ class SystemPart:
 class SystemPlan:
     """A checked co-simulation system, ready to be coupled, with parts in step order.
 
-    Wires are (output, input) in the master, "part.port" each; `ignored` are names with values that match no variable,
+    Wires are (output, input) in the master, "part.port" each. `ignored` are names with values that match no variable,
     `forgiven` accepted violations of files, `overruled` settings and SSV parameters of inputs that connections feed,
     `unreadable` local variables that their FMU does not return; they are not recorded.
     """

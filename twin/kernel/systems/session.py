@@ -84,9 +84,9 @@ class ObservedSeries:
 class Cosimulation:
     """A co-simulation of FMUs and Python components, until `stop` (s) at the latest, which is also passed to FMUs.
 
-    `tick` is the step size (s); None for that of the file read, or the shortest that an FMU states. In the `scheme`
-    "gauss_seidel" components step in load order, each with the newest values of those before it; in "jacobi" all use
-    the values from the start of the step.
+    `tick` is the step size (s); None for the step size of the file read, or the shortest that an FMU states. In the
+    `scheme` "gauss_seidel" components step in load order, each with the newest values of those before it; in "jacobi"
+    all use the values from the start of the step.
     """
 
     def __init__(self, tick: float | None = None, stop: float | None = None, scheme: Scheme | None = None):
@@ -129,7 +129,7 @@ class Cosimulation:
     ) -> None:
         """Add a component that is not an FMU, with a step of `period` ticks.
 
-        `model` has `inputs`, `outputs`, `sampled` and `step(t, h, u, y)`, or is a `Component`; `initial` are its
+        `model` has `inputs`, `outputs`, `sampled` and `step(t, h, u, y)`, or is a `Component`. `initial` are its
         outputs before the first step, None for zeros. InputRefused: the name is in use.
         """
         self._register_name(name)
@@ -181,7 +181,7 @@ class Cosimulation:
     def get(self, name: str) -> float | np.ndarray:
         """Read the value of "component.variable" in the FMU's own unit: a number, or (size,) for an array.
 
-        InputRefused: no such variable, or not a number; ComponentFailed: the FMU does not return the value.
+        InputRefused: no such variable, or not a number. ComponentFailed: the FMU does not return the value.
         """
         component, variable = self._place(name)
         simulation = self._running_parts()[2]
@@ -204,7 +204,7 @@ class Cosimulation:
         """Set the variable "component.variable"; the value remains until the next call.
 
         Before the first step, parameters, inputs and variables with a start value can be set; later, inputs without a
-        source and tunable parameters. InputRefused: it cannot be set, or not to this value; ComponentFailed: the FMU
+        source and tunable parameters. InputRefused: it cannot be set, or not to this value. ComponentFailed: the FMU
         refuses it.
         """
         if self._running is None:
@@ -248,14 +248,14 @@ class Cosimulation:
     def state(self) -> SystemState:
         """Save the present state, for `restore`.
 
-        InputRefused: a component cannot save its state; ComponentFailed: an FMU refuses.
+        InputRefused: a component cannot save its state. ComponentFailed: an FMU refuses.
         """
         return self._running_parts()[2].state()
 
     def restore(self, state: SystemState | SavedState) -> None:
         """Restore a saved state; observed rows after it are replaced as the system advances again.
 
-        InputRefused: the state is of another system; ComponentFailed: an FMU refuses.
+        InputRefused: the state is of another system. ComponentFailed: an FMU refuses.
         """
         self._running_parts()[2].restore(state)
 

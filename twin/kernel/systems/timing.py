@@ -31,7 +31,7 @@ def step_notes(type_: str, step: float | None) -> tuple[Annotation, ...]:
 class Timing(NamedTuple):
     """Step size `tick` (s), first and last tick of a run (0 if unknown; no step follows), and their origins.
 
-    `stop_source` is "" for the system or the user; `periods` are the components' steps (ticks); `rounded` notes a step
+    `stop_source` is "" for the system or the user. `periods` are the components' steps (ticks). `rounded` notes a step
     size changed to divide the run, "" if unchanged.
     """
 

@@ -57,8 +57,8 @@ Kind = Literal["number", "whole", "choice", "switch", "pace"]
 class Slider:
     """A key of the experiment that the explorer can change, dotted as for --set, with the range of its slider.
 
-    `value` is that of the file, None if missing; `default` None without one; `first` the position among the keys shown
-    before any search, None for the others. The unit is "" without one.
+    `value` is the value in the file, None if missing. Without a default, `default` is None. `first` is the position
+    among the keys shown before any search, None for the others. The unit is "" without one.
     """
 
     key: str

@@ -105,7 +105,7 @@ class ForceStrip:
 class LiveSession:
     """Viewer of a running `twin shadow` session, at the address that `--live` printed, while the explorer lives.
 
-    `version` counts received messages; `accepted` are parameters, see `twin.studies.shadow.live_view.accepted_values`.
+    `version` counts received messages. `accepted` are parameters, see `twin.studies.shadow.live_view.accepted_values`.
     """
 
     def __init__(self, address: str):

@@ -176,7 +176,7 @@ def _derived_values(state: PageState, experiment: Experiment) -> dict[str, Any]:
 class ViewRequest(NamedTuple):
     """View of a run that a page requests: span (begin and end, s), width of a plot (pixels), panels.
 
-    `robot`: the player is open; `listed`: the answer lists all panels; `layout` is a figure of the paper that replaces
+    `robot`: the player is open. `listed`: the answer lists all panels. `layout` is a figure of the paper that replaces
     them, "" without one.
     """
 
@@ -209,7 +209,7 @@ class ViewRequest(NamedTuple):
     def picture(self, run: PanelRun, end: float, fig4: Fig4Runs | None = None) -> dict[str, Any]:
         """Return the requested view of a run, or a log like one, panels and robot, JSON-serialisable.
 
-        `end` is that of the run (s). The panels of the runs `fig4` replace the requested ones; None for those.
+        `end` is the end of the run (s). The panels of the runs `fig4` replace the requested ones; None for those.
         """
         block = DataBlock()
         span = self.span[0], min(self.span[1], end)

@@ -32,7 +32,7 @@ PATCH_HALF_WIDTH, PATCH_FIELDS = 45.0, 10
 class PanelRun:
     """A run and the checked values of its experiment, keys with units, as input of panels and player.
 
-    `fields` are those of signals that have samples, `used` the signals that were read.
+    `fields` are the fields of signals that have samples, `used` the signals that were read.
     """
 
     def __init__(self, view: RunView, values: Mapping[str, Any], fields: Mapping[str, Field] | None = None):

@@ -52,7 +52,7 @@ def export_recording(
     """Export a recording (see `recording_in`), or another tool's log (with `maps` or a ROS 2 bag), to another format.
 
     `patterns` are as for `selected_signals`, `rate` (Hz) as for `signal_table`, `maps` column maps of a log, see
-    `column_map`; `joints` are fields that a bag stores as JointState. Without `out`, the file has the recording's path
+    `column_map`. `joints` are fields that a bag stores as JointState. Without `out`, the file has the recording's path
     with the format's suffix.
     """
     recording = _load_recording(run, maps)

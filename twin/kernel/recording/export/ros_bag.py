@@ -86,8 +86,8 @@ MAX_BLOCK_MESSAGES = 10_000
 class RosTopic:
     """A topic of the ROS 2 bag to be written, `/arm/tip`, made of the topic `source` of the recording.
 
-    `body` is one message as CDR with zeros for numbers and times; `places` are (offset in it, field, element) of each
-    number; `stamp` is the offset of seconds and nanoseconds, 0 if the type has none; `columns`: element `arm.tip[0]` ->
+    `body` is one message as CDR with zeros for numbers and times. `places` are (offset in it, field, element) of each
+    number. `stamp` is the offset of seconds and nanoseconds, 0 if the type has none. `columns`: element `arm.tip[0]` ->
     its column `/arm/tip.pose.position.x` and its unit.
     """
 

@@ -89,7 +89,7 @@ def time_base(
 def row_times(times: Sequence[np.ndarray], rate: float | None, numbers: int = 1) -> np.ndarray:
     """Compute the times of a signal table's rows, ns, (n,) int64, from ascending message times (ns) of each topic.
 
-    No topic is empty. `rate` is in rows per second (Hz), see `signal_table`; `numbers` are the values in a row.
+    No topic is empty. `rate` is in rows per second (Hz), see `signal_table`. `numbers` are the values in a row.
     """
     first = max(t[0] for t in times)
     if rate is None:

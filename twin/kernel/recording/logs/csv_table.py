@@ -45,8 +45,8 @@ SEPARATOR_LINE = re.compile(r'"?sep=([^\s\w"]|\t)"?\s*', re.IGNORECASE)
 class WrongFields:
     """Fields of one CSV column that are not finite numbers, some `empty`.
 
-    `line` and `text` are of the first field with text other than `INVALID_TEXT`, else of the first field; `invalid` has
-    the line of each field with NaN, infinity or `INVALID_TEXT`; `commas`: a field is a number with a decimal comma.
+    `line` and `text` are of the first field with text other than `INVALID_TEXT`, else of the first field. `invalid` has
+    the line of each field with NaN, infinity or `INVALID_TEXT`. `commas`: a field is a number with a decimal comma.
     """
 
     count: int = 0

@@ -160,9 +160,9 @@ def _nearest_index(of: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[n
 class Log:
     """Log in memory with access by signal: `log["arm.force"]`, `log.vector("arm.tip")`.
 
-    `series` are scalar, `arm.tip[2]` a component of a vector; `notes` are sentences on missing data: missing samples, a
-    truncated end; `comments` the lines of the head that start with #, without it; `left_out`: unreadable signal ->
-    error message; `columns`: column of each signal, empty for a recording of twin.
+    `series` are scalar, `arm.tip[2]` a component of a vector. `notes` are sentences on missing data: missing samples, a
+    truncated end; `comments` the lines of the head that start with #, without it. `left_out`: unreadable signal ->
+    error message. `columns`: column of each signal, empty for a recording of twin.
     """
 
     path: Path

@@ -176,7 +176,7 @@ def _readings(
 class TopicReading:
     """Decoded messages of one topic, as numbers over time `t` (n,), s, NaN without a time; `notes` on its clocks.
 
-    `delay` is that of log times behind stamps (s); 0 without stamps.
+    `delay` is the delay of log times behind stamps (s); 0 without stamps.
     """
 
     def __init__(
