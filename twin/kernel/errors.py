@@ -88,7 +88,7 @@ def translate_disk_errors(
 def nearest(got: str, known: Iterable[str], otherwise: str = "known are {}", most: int = 1) -> str:
     """Return a hint from a misspelt name `got` to the most similar known name: `did you mean 'kp_per_s'?`
 
-    A known name that contains it as whole words comes first, as a missing unit is the most common error; `otherwise` is
+    A known name that contains it as whole words comes first, as a missing unit is the most common error. `otherwise` is
     the hint without a similar name, {} in it for all known names.
     """
     names = list(known)

@@ -153,7 +153,7 @@ def simulate(
 ) -> SimulationResult:
     """Step a co-simulation system from its first to its last tick, until a component fails or an observer ends it.
 
-    The last tick gets a row but no step; observers are called in order; `timed` measures each component. A `state`
+    The last tick gets a row but no step. Observers are called in order, and `timed` measures each component. A `state`
     replaces tick 0: observers in `lasting` are restored from its entry "observers", and `adopt` restores it if of a
     different system. Without one, `start` may move the simulation to another tick.
     """

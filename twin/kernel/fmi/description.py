@@ -110,8 +110,8 @@ def _is_true(text: str | None) -> bool:
 class FmuDescription:
     """Description of an FMU that has passed all checks that need no binary; `model` is FMPy's.
 
-    `version` is the FMI version 1, 2 or 3; `identifier` the name of the binary; `platforms` the folders with binaries
-    in the archive; `compiler` the compiler of its library on this machine, "" if the library came with the FMU.
+    `version` is the FMI version 1, 2 or 3, and `identifier` the name of the binary. `platforms` are folders with
+    binaries in the archive. `compiler` built its library on this machine, "" if the library came with the FMU.
     """
 
     path: Path
@@ -232,8 +232,8 @@ def described(file: Path, kind: Kind | None = None, lenient: bool = False) -> Fm
     """Read and check the description of an FMU; cached in the process while the file is unchanged.
 
     Without a `kind` it is co-simulation if offered, else model exchange; if `lenient`, it may need its authoring tool.
-    InputRefused: not a complete zip file, an unreadable model description, no co-simulation of FMI 1.0, 2.0 or 3.0 and
-    no model exchange of 2.0 or 3.0, not of that kind, needs a tool, or no binary for this platform.
+    InputRefused: not a complete zip file, an unreadable model description, neither co-simulation of FMI 1.0, 2.0 or 3.0
+    nor model exchange of 2.0 or 3.0, another kind, a tool needed, or no binary for this platform.
     """
     # unlike Path.is_file, os.path.isfile does not raise for a name that is too long
     if not os.path.isfile(file):

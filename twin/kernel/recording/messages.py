@@ -87,8 +87,8 @@ BLANK_BITS = 0x7FC0_7749
 class Field:
     """A recorded quantity of a topic, of `size` values in every message (1 for a scalar).
 
-    The name is a letter, then letters, digits and underscores: `tip_speed`. `int` has 64 bits, for counts; the unit is
-    SI, `1` for pure numbers; the meaning is a sentence for readers of the file, with frame and sign. ValueError:
+    The name is a letter, then letters, digits and underscores: `tip_speed`. `int` has 64 bits, for counts. The unit is
+    SI, `1` for pure numbers, and the meaning a sentence for readers of the file, with frame and sign. ValueError:
     invalid name, size or kind.
     """
 

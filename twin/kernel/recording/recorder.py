@@ -98,8 +98,9 @@ class EventLog(Observer):
 class Recorder(EventLog):
     """Observer that records a run: passes rows, drawings and events to `writer`, block by block.
 
-    `drawings` returns (topic, tick, rows) of each drawing for the tick of a block's first row and its rows; `changed`
-    the first manual change during the run, "" before it, recorded as metadata. `writing` is the wall time spent (s).
+    `drawings` returns (topic, tick, rows) of each drawing for the tick of a block's first row and its rows. `changed`
+    returns the first manual change during the run, "" before it, recorded as metadata. `writing` is the wall time spent
+    (s).
     """
 
     def __init__(

@@ -110,9 +110,9 @@ class PendingMessages:
 class Piece:
     """Consecutive message records that become one chunk. Times are relative to the first of the merged messages.
 
-    `content` is the range of its bytes in the merged records; `start` and `end` are log times of the first and the last
-    message, ns; `entries` log times and offsets in this piece, channel after channel, (n, 2) uint64; `channels`
-    (number, front of its index record, range of its entries in the bytes of `entries`) of each.
+    `content` is the range of its bytes in the merged records. `start` and `end` are log times of the first and the last
+    message, ns. `entries` are log times and offsets in this piece, channel after channel, (n, 2) uint64. `channels` are
+    (number, front of its index record, range of its entries in the bytes of `entries`).
     """
 
     content: slice

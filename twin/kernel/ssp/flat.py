@@ -52,9 +52,9 @@ class FlatSystem:
     """An SSP system whose subsystems are dissolved into one list of components and connections.
 
     Components are by path ("motor", "arm.motor"), in file order, with at most one lead per input. `assigned` has the
-    value of highest precedence by path and variable. `ignored` names in parameter sets that match no variable;
-    `entrances` the component inputs that an input connector of the outermost system feeds, with conversions; `exits`
-    the connection that feeds its output connector.
+    value of highest precedence by path and variable. `ignored` are names in parameter sets that match no variable.
+    `entrances` are the component inputs that an input connector of the outermost system feeds, with conversions;
+    `exits` the connections that feed its output connectors.
     """
 
     components: dict[str, ssp.SspComponent]

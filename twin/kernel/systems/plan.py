@@ -53,9 +53,9 @@ STARTING_INITIALS = ("exact", "approx")
 class SystemPart:
     """An FMU component of a planned system: its path there, its name in the master and of its topic.
 
-    Parameters that size arrays are applied to the description; connected inputs are scaled for their sources; outputs
-    are unscaled, the first `recorded` ones recorded, others only read; settings are values before initialisation;
-    `unfed` inputs have no source.
+    Parameters that size arrays are applied to the description. Connected inputs are scaled for their sources, outputs
+    are not. The first `recorded` outputs are recorded, others only read. `settings` are values before initialisation,
+    and `unfed` inputs have no source.
     """
 
     path: str
@@ -74,7 +74,7 @@ class SystemPlan:
 
     Wires are (output, input) in the master, "part.port" each. `ignored` are names with values that match no variable,
     `forgiven` accepted violations of files, `overruled` settings and SSV parameters of inputs that connections feed,
-    `unreadable` local variables that their FMU does not return; they are not recorded.
+    `unreadable` local variables that their FMU does not return, and that are not recorded.
     """
 
     package: Package
@@ -145,8 +145,8 @@ def plan_system(
 ) -> SystemPlan:
     """Plan a co-simulation system: choose FMU kinds, check connections, and convert units and values.
 
-    `files` are FMUs by entry, `beside` components other than FMUs; `patterns` name the signals to record, all outputs
-    and all sources of connections without any; without `when`, `timing` determines times and steps.
+    `files` are FMUs by entry, `beside` components other than FMUs. `patterns` name the signals to record: all outputs
+    and all sources of connections by default. Without `when`, `timing` determines times and steps.
     """
     choice.refuse_unknown(flat.components, f"{package.file}")
     reader = _Planner(package, flat, files, choice, beside, patterns)

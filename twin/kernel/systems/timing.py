@@ -104,7 +104,7 @@ def timing_inside(
     """Determine the step sizes of a system inside a component of another system, starting at 0 s.
 
     The step of a component is its annotation, else the annotation of the structure, else one step of the enclosing
-    component, `every` ticks of `tick` s in a run of `ticks`, 0 if unknown.
+    component: `every` ticks of `tick` s. The run has `ticks`, 0 if unknown.
     """
     own = _steps(package, flat, MasterChoice())
     length, source = _annotation_step(package)

@@ -79,7 +79,8 @@ def scene(
 
     At most `most` poses, of the topic `robot`, go into `block`. `frames` has their place in the block, each column of
     all n frames together: A (9), p_B (3), displacement of the surface (3), F_ee_B (3), F_ee_B estimated (3; absent
-    without an estimator), and A and p_B of a second robot, of the topic `model`, drawn over the first; "" without one.
+    without an estimator), and A and p_B of a second robot. That robot, of the topic `model` ("" without one), is drawn
+    over the first.
     """
     lengths = [run.values.get("plant", {}).get(f"{name}_mm") for name in Geometry._fields]
     poses = [f"{topic}.{name}" for topic in filter(None, (robot, model)) for name in ("theta_l", "p_B")]

@@ -161,7 +161,7 @@ class Log:
     """Log in memory with access by signal: `log["arm.force"]`, `log.vector("arm.tip")`.
 
     `series` are scalar, `arm.tip[2]` a component of a vector. `notes` are sentences on missing data: missing samples, a
-    truncated end; `comments` the lines of the head that start with #, without it. `left_out`: unreadable signal ->
+    truncated end; `comments` are the lines of the head that start with #, without it. `left_out`: unreadable signal ->
     error message. `columns`: column of each signal, empty for a recording of twin.
     """
 
