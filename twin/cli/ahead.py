@@ -11,7 +11,6 @@ from twin.report.page import DRAW_JOB
 from twin.studies.sweep import WORKER_JOB
 
 RUN_JOB = "twin.robot.live.runs:recorded_runs"
-"""Job of `twin run`."""
 COMMAND_JOBS = {"run": RUN_JOB, "report": DRAW_JOB, "sweep": WORKER_JOB, "explore": ANSWER_JOB}
 _EXCLUDING_WORDS = {
     "run": {"--help", "--live", "--sweep", "none", "--isolate=none"},

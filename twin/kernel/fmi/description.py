@@ -30,7 +30,6 @@ CLOCK_ATTRIBUTES = ("intervalDecimal", "shiftDecimal", "intervalCounter", "shift
 FMI1_CAPABILITIES = (
     "canHandleVariableCommunicationStepSize", "canInterpolateInputs", "canBeInstantiatedOnlyOncePerProcess",
 )  # fmt: skip
-"""Capabilities of an FMI 1.0 slave."""
 MAX_DESCRIPTION_SIZE = 64 << 20
 """Maximum size of a model description (bytes); the largest real ones have tens of thousands of variables and 10 MB."""
 STRUCTURAL_PARAMETER = "structuralParameter"

@@ -58,7 +58,6 @@ EXCHANGE_FUNCTIONS_3 = EXCHANGE_FUNCTIONS | {
     "derivatives_of": "GetContinuousStateDerivatives",
     "update": "UpdateDiscreteStates",
 }
-"""FMI 3.0 function by field of `SOLVER_MEMORY`."""
 SOLVER_MEMORY = record(
     **dict.fromkeys(EXCHANGE_FUNCTIONS, "i8"),
     **fields_of_form("i8", "cvode vector absolute cv_step cv_restart cv_stop cv_tolerances cv_values"),

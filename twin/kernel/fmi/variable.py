@@ -58,7 +58,6 @@ FMI2_KINDS = FMI1_KINDS | {"Boolean": "Int32"}
 FMI3_KINDS = {"Enumeration": "Int64"}
 """Representation of FMI 1.0 to 3.0 types as `NUMERIC_TYPES`; a Boolean has four bytes in FMI 2.0, one in the others."""
 TEXT_TYPES = ("String", "Binary")
-"""Types whose values are not numbers."""
 MAX_ARRAY_VALUES = 1_000_000
 """Maximum number of values of an array; a malicious file could otherwise exhaust the memory."""
 FILE_PREFIX = "file:"

@@ -83,9 +83,7 @@ PAGE_OPERATIONS = (
 )  # fmt: skip
 """Operations of a page that a process answers."""
 STUDY_JOB = "twin.studies.command:answer_study"
-"""Job that answers a study in its own process."""
 RECORD_JOB = "twin.robot.live.runs:recorded_runs"
-"""Job of `twin run`."""
 FORBIDDEN_TEXT = (
     "This page is shown only to the browser that twin explore has opened. Open the address that it has printed in the "
     "terminal; the part after # in yours may be appended to it.\n"

@@ -27,7 +27,6 @@ from twin.kernel.units import Dimension, Unit
 
 NS_PER_S = 1e9
 STAMP_FIELD = "header.stamp"
-"""Stamp of a ROS 2 message."""
 MAX_CLOCK_DIFFERENCE = 1.0
 """Maximum difference of log times and stamps of one clock (s)."""
 MAX_OVERTAKING, MAX_OVERTAKING_PERIODS = 0.1, 10.0
