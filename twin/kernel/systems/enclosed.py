@@ -17,7 +17,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.fmi.stepping import FmuPort
-from twin.kernel.fmi.variable import Setting, Value, Variable, conversion, to_json
+from twin.kernel.fmi.variable import Setting, Value, Variable, to_json
 from twin.kernel.ssp.flat import FlatSystem, UnitStep, flatten
 from twin.kernel.ssp.package import Package, read_package
 from twin.kernel.ssp.structure import Endpoint
@@ -304,11 +304,8 @@ class _OuterVariables:
     def _connector_unit(self, name: str, end: Endpoint) -> ParsedUnit:
         """Return the unit of a connector, defined by the archive or else by the FMU behind it; "" if not stated."""
         connector = self._package.structure.system.connector_of.get(name)
-        if connector is None or not connector.unit:
-            return ParsedUnit("", None)
-        read = parse_unit(connector.unit, self._package.structure.units)
-        known = self._names.description(end.element).model.unitDefinitions
-        return read if read.conversion else ParsedUnit(connector.unit, conversion(connector.unit, known))
+        units, description = self._package.structure.units, self._names.description(end.element)
+        return parse_unit(connector.unit if connector else "", units, description)
 
     def _add_input(self, name: str, ends: Ends) -> None:
         inner = [self._inner_variable(end, ("input",), name) for end, _ in ends]

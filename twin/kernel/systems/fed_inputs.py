@@ -94,7 +94,7 @@ def _input_signals(names: SystemNames, text: str) -> Iterator[_InputSignal]:
         yield _InputSignal(name, place, samples, spelled or own, f"{Path(file).name} sha256 {_sha256(Path(file))[:12]}")
     else:
         signal = parse_expression(given, where)
-        for variable in (names.variable(end) for end in _ends(names, place)):
+        for variable in _fed_variables(names, place):
             if variable.type not in ssp.REAL_TYPES and np.any(np.abs(signal.numbers) >= MAX_EXACT):
                 raise InputRefused(f"{where}: {variable.name} is {variable.type}; expected numbers below 2^53")
         yield _InputSignal(name, place, signal, "", given)
@@ -131,18 +131,18 @@ def _input(names: SystemNames, name: str) -> ssp.Endpoint:
     return place
 
 
-def _ends(names: SystemNames, place: ssp.Endpoint) -> list[ssp.Endpoint]:
-    return [place] if place.element else [end for end, _ in names.flat.entrances[place.connector]]
+def _fed_variables(names: SystemNames, place: ssp.Endpoint) -> list[Variable]:
+    ends = [place] if place.element else [end for end, _ in names.flat.entrances[place.connector]]
+    return [names.variable(end) for end in ends]
 
 
 def _is_held(names: SystemNames, place: ssp.Endpoint) -> bool:
     """Whether an input signal's samples are held, not interpolated: true if any input is not a continuous real."""
-    variables = [names.variable(end) for end in _ends(names, place)]
-    return any(v.variability != "continuous" or v.type not in ssp.REAL_TYPES for v in variables)
+    return any(v.variability != "continuous" or v.type not in ssp.REAL_TYPES for v in _fed_variables(names, place))
 
 
 def _refuse_broken(names: SystemNames, place: ssp.Endpoint, samples: SampledSignal, where: str) -> None:
-    for variable in (names.variable(end) for end in _ends(names, place)):
+    for variable in _fed_variables(names, place):
         if variable.type not in ssp.REAL_TYPES and not np.all(samples.values == np.rint(samples.values)):
             bad = samples.values[samples.values != np.rint(samples.values)][0]
             raise InputRefused(

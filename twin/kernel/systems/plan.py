@@ -35,7 +35,7 @@ from twin.kernel.systems.naming import (
     unique_names,
 )
 from twin.kernel.systems.timing import Timing, step_order, timing
-from twin.kernel.systems.unit_conversion import ParsedUnit, connection_map, parse_unit, unit_of_variable
+from twin.kernel.systems.unit_conversion import connection_map, parse_unit, unit_of_variable
 
 MAX_HINT_NAMES = 1000
 """Maximum number of names that are searched for a suggestion."""
@@ -300,9 +300,7 @@ class _Planner:
                 raise InputRefused(f"{where}: a transformation of text, which is not supported")
             return values[0] if len(values) == 1 else [str(value) for value in values]
         own = unit_of_variable(variable.unit, self._connector(path, variable.name), self._units, description, where)
-        start = parse_unit(self._unit(assigned.value.unit, where), (*assigned.units, *self._units))
-        if start.text and start.conversion is None:
-            start = ParsedUnit(start.text, conversion(start.text, description.model.unitDefinitions))
+        start = parse_unit(self._unit(assigned.value.unit, where), (*assigned.units, *self._units), description)
         led = connection_map(start, self._hops(assigned.hops or (UnitStep(),), where), own, self._units, where)
         for value in values:
             # check the exact integer, which a double would round
@@ -408,13 +406,10 @@ class _Planner:
                 others = (one.by for one in self._beside.feeds if one.source == source)
                 by = next(others, "") if isinstance(source, str) else f"the connection from {'.'.join(source)}"
                 raise InputRefused(f"{feed.by}: {path}.{name} is fed already, by {by}; remove one of both")
-        own = unit_of_variable(end.unit, self._connector(path, name), self._units, self._descriptions[path], feed.by)
-        start = own
-        if feed.unit and feed.unit != own.text:
-            start = parse_unit(feed.unit, self._units)
-            if start.conversion is None:
-                units = self._descriptions[path].model.unitDefinitions
-                start = ParsedUnit(feed.unit, conversion(feed.unit, units))
+        description = self._descriptions[path]
+        own = unit_of_variable(end.unit, self._connector(path, name), self._units, description, feed.by)
+        other = feed.unit and feed.unit != own.text
+        start = parse_unit(feed.unit, self._units, description) if other else own
         led = connection_map(start, self._hops(feed.hops or (UnitStep(),), feed.by), own, self._units, feed.by)
         return FmuPort(port_of(end, path), end, led.gain, led.shift)
 

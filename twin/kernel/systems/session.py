@@ -295,16 +295,14 @@ class Cosimulation:
             else:
                 if self._stop is None:
                     raise InputRefused("Cosimulation: no end is given; expected stop=SECONDS")
-                package = loose_package(Path(FORM_NAME), self._structure(), self._entries(), FORM_NAME)
+                entries = {f"{name}.fmu": file for name, file in self._files.items()}
+                package = loose_package(Path(FORM_NAME), self._structure(), entries, FORM_NAME)
                 beside = self._extras()
             plan, made = self._open.enter_context(
                 open_system(package, MasterChoice(self._tick, None, self._stop, self._scheme), False, additions, beside)
             )
             self._running = plan, made, Simulation(made.system, plan.timing.ticks)
         return self._running
-
-    def _entries(self) -> dict[str, Path]:
-        return {f"{name}.fmu": file for name, file in self._files.items()}
 
     def _structure(self) -> ssp.Structure:
         parts = tuple(ssp.SspComponent(name, f"{name}.fmu") for name in self._files)

@@ -58,9 +58,12 @@ def unit_of_variable(
     return read
 
 
-def parse_unit(text: str, units: Sequence[UnitDefinition]) -> ParsedUnit:
-    """Look up a unit by its text among the definitions of an SSP file, then among the built-in units."""
-    return ParsedUnit(text, (defined_conversion(text, units) or si_conversion(text)) if text else None)
+def parse_unit(text: str, units: Sequence[UnitDefinition], fmu: FmuDescription | None = None) -> ParsedUnit:
+    """Look up a unit by its text in the definitions of an SSP file, the built-in units, and the units of `fmu`."""
+    found = (defined_conversion(text, units) or si_conversion(text)) if text else None
+    if text and found is None and fmu is not None:
+        found = conversion(text, fmu.model.unitDefinitions)
+    return ParsedUnit(text, found)
 
 
 def connection_map(

@@ -62,17 +62,17 @@ def export_recording(
     if os.path.lexists(path) and not force:
         raise InputRefused(f"{path}: exists; replace it with --force or name another with --out")
     if form == "ros2":
-        return ExportResult(
-            path, len(signals), write_ros_bag(path, recording, signals, rate, joints or {}), recording.note
-        )
-    if form == "mat":
-        return ExportResult(path, len(signals), write_matlab(path, recording, signals, rate), recording.note)
-    rows = signal_table(recording, signals, rate)
-    if form == "csv":
-        write_csv(path, rows)
+        rows = write_ros_bag(path, recording, signals, rate, joints or {})
+    elif form == "mat":
+        rows = write_matlab(path, recording, signals, rate)
     else:
-        write_parquet(path, rows, recording.metadata)
-    return ExportResult(path, len(signals), len(rows.t), recording.note)
+        table = signal_table(recording, signals, rate)
+        rows = len(table.t)
+        if form == "csv":
+            write_csv(path, table)
+        else:
+            write_parquet(path, table, recording.metadata)
+    return ExportResult(path, len(signals), rows, recording.note)
 
 
 def _load_recording(run: Path, maps: Sequence[str]) -> Recording:
