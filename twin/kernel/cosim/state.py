@@ -12,7 +12,7 @@ import re
 import struct
 import weakref
 from collections import defaultdict
-from collections.abc import Iterable, Sequence, Set
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from typing import Any, NamedTuple
@@ -236,14 +236,14 @@ class StatePlaces:
         """Convert a state from another process or file, of the same system, to a state that can be restored here."""
         pieces, contents = self._split_state(saved)
         described = [(c, name, array.dtype.str, list(array.shape)) for c, name, array in self._pieces]
-        there = {piece.form[:2]: piece for piece in pieces}
+        there, held = {piece.form[:2]: piece for piece in pieces}, {holder[:2] for holder in self._holders}
         for form in described:
             if form[:2] not in there or there[form[:2]].form != form:
                 its = there.get(form[:2], "nothing of that name")
                 raise InputRefused(f"the state is of another system: it has {its} for {SavedPiece(*form, b'')}")
-        if len(there) != len(described) or len(pieces) != len(described) or contents.keys() != self._holder_keys:
+        if len(there) != len(described) or len(pieces) != len(described) or contents.keys() != held:
             named = {form[:2] for form in described}
-            more = [".".join(key) for key in [*there, *contents] if key not in named and key not in self._holder_keys]
+            more = [".".join(key) for key in [*there, *contents] if key not in named and key not in held]
             raise InputRefused(
                 f"the state is of another system: {', '.join(more[:3]) or 'parts of it'} fit nothing here"
             )
@@ -280,10 +280,6 @@ class StatePlaces:
                 holder.restore_state(token)
                 holder.free(token)
         return [component.name for component in self._components if component.name not in known]
-
-    @property
-    def _holder_keys(self) -> Set[tuple[str, str]]:
-        return {(component, name) for component, name, _ in self._holders}
 
     def _split_state(self, saved: SavedState) -> tuple[list[SavedPiece], dict[tuple[str, str], bytes]]:
         """Split a saved state into this process's memory pieces, and states by (component, holder name).

@@ -62,7 +62,7 @@ class WrongFields:
         return self.count - self.empty - len(self.invalid)
 
     def add(self, line: int, text: str) -> None:
-        empty, invalid = not text, INVALID_TEXT.fullmatch(text) is not None or _is_float(text)
+        empty, invalid = not text, INVALID_TEXT.fullmatch(text) is not None or _float(text) is not None
         if not self.count or not (empty or invalid or self.texts):
             self.line, self.text = line, text
         self.count += 1
@@ -237,22 +237,18 @@ def more_text(others: int, what: str) -> str:
     return f" (and {others} more such {what}{'s' * (others > 1)})" if others else ""
 
 
-def _is_float(text: str) -> bool:
-    """Check whether Python parses `text` as a float, including NaN, infinity and values beyond any quantity."""
+def _float(text: str) -> float | None:
+    """Parse a text as a float, including NaN, infinity and values beyond any quantity; None for other text."""
     try:
-        float(text)
+        return float(text)
     except ValueError:
-        return False
-    return True
+        return None
 
 
 def _number(text: str) -> float | None:
     """Parse a text as a finite number; None for other text, and for values beyond any quantity."""
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if abs(value) <= MAX_QUANTITY else None
+    value = _float(text)
+    return value if value is not None and abs(value) <= MAX_QUANTITY else None
 
 
 def _numbers(

@@ -19,8 +19,6 @@ GAP_RATIO = 1.5
 MIN_REGULAR_SHARE = 0.6
 """Minimum share of intervals within half of the median for regular sampling. A clock that loses three samples in ten at
 random keeps 0.7; random points have 0.35 (intervals of a Poisson process)."""
-
-
 MAX_INVALID_SHARE = 0.05
 """Maximum share of NaN, null or infinite samples of a needed signal."""
 
