@@ -5,7 +5,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from twin.kernel.archive import read_entry, zip_bytes
-from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.variable import Variable
 from twin.kernel.ssp import structure as ssp
@@ -44,7 +43,7 @@ def ssp_archive(plan: SystemPlan) -> bytes:
     system = replace(
         _complete_components(root, "", connectors, kinds, steps),
         bindings=(*root.bindings, *values),
-        annotations=(*_foreign_annotations(root.annotations), *_annotations(plan, plan.scheme, timing.tick)),
+        annotations=(*_foreign_annotations(root.annotations), *_annotations(plan)),
     )
     experiment = ssp.DefaultExperiment(timing.first * timing.tick, timing.ticks * timing.tick)
     whole = ssp.Structure(
@@ -71,13 +70,13 @@ def _foreign_annotations(annotations: Iterable[ssp.Annotation]) -> tuple[ssp.Ann
     )
 
 
-def _annotations(plan: SystemPlan, scheme: Scheme, tick: float) -> list[ssp.Annotation]:
+def _annotations(plan: SystemPlan) -> list[ssp.Annotation]:
     order = ET.Element("order")
     for part in plan.parts:
         ET.SubElement(order, "component", name=part.path)
     return [
-        *step_notes(STEP_ANNOTATION, tick),
-        ssp.Annotation(SCHEME_ANNOTATION, f'<scheme name="{scheme}" />'),
+        *step_notes(STEP_ANNOTATION, plan.timing.tick),
+        ssp.Annotation(SCHEME_ANNOTATION, f'<scheme name="{plan.scheme}" />'),
         ssp.Annotation(ORDER_ANNOTATION, ET.tostring(order, encoding="unicode")),
     ]
 
@@ -93,9 +92,7 @@ def _value(name: str, variable: Variable, value: object) -> ssp.ParameterValue:
 
 
 def _type(variable: Variable) -> str:
-    if variable.type in ssp.REAL_TYPES:
-        return "Real"
-    return "Integer" if variable.type in (*ssp.INTEGER_TYPES, "Enumeration") else variable.type
+    return "Integer" if variable.type == "Enumeration" else _ssp_1_type(variable.type)
 
 
 def _connectors(plan: SystemPlan) -> dict[str, list[ssp.Connector]]:
