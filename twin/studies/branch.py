@@ -103,11 +103,6 @@ def branch(
     component failed.
 
     Example: twin branch results/fig4_force_position --at 6.2 --set plant.k_s_Nm_per_rad=0.8
-
-    Raises:
-        InputRefused: the run, the time or a change is invalid.
-        ComponentFailed: a component failed in a branch.
-        NotWritten: the disk refuses.
     """
     from twin.kernel.atomic_write import make_folder
     from twin.kernel.recording.folder import recording_in

@@ -86,11 +86,7 @@ def for_paper(formats: Sequence[str], columns: int = 2) -> Iterator[Paper]:
 
 
 def write_for_paper(figure: "Figure", path: Path) -> None:
-    """Save a figure for a paper next to `path`, if requested; this resizes the figure.
-
-    Raises:
-        NotWritten: the disk refuses.
-    """
+    """Save a figure for a paper next to `path`, if requested; this resizes the figure."""
     paper = _paper.get()
     if paper is None or not paper.formats:
         return
@@ -164,9 +160,6 @@ def picture(
         title: above all panels.
         by_hand: whether the drawing code places the panels.
         look: changes to `PICTURE_STYLE`: `BARE_STYLE` or `MAP_STYLE`.
-
-    Raises:
-        NotWritten: the folder or the disk refuses.
     """
     from matplotlib import rc_context, rcParamsDefault
     from matplotlib.figure import Figure

@@ -189,9 +189,6 @@ def known_baseline(folder: Path, experiment: str, drive: str) -> Baseline | None
     """Read the regression baseline of an experiment with a drive; None if missing.
 
     Drives are distinguished by their file names.
-
-    Raises:
-        InputRefused: the file is unreadable, not a baseline, or the baseline of another pair.
     """
     file = baseline_file(folder, experiment, drive)
     # not Path.exists, which raises for names that are too long

@@ -211,9 +211,6 @@ def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> li
 
     Args:
         processes: number of parallel processes; 0 to run in this process, which a crashing drive then ends.
-
-    Raises:
-        KeyboardInterrupt: after every process has ended.
     """
     arguments: dict[str, Any] = {"date": date.today().isoformat(), "reason": reason}
     found: dict[Pair, CheckOutcome] = {}

@@ -109,11 +109,7 @@ class Judge:
         self.seconds = 0.0
 
     def run_healthy(self) -> list[int]:
-        """Run the healthy robot on each body, and return the first fault onsets to try (ticks).
-
-        Raises:
-            InputRefused: a run violates a requirement. ComponentFailed, SafetyTrip: a run fails, or trips.
-        """
+        """Run the healthy robot on each body, and return the first fault onsets to try (ticks)."""
         unbroken = [TriedFault("", body=body) for body in self._space.bodies]
         onsets: list[int] = []
         for wrong, facts in zip(unbroken, self._run_batch(unbroken), strict=True):
@@ -195,11 +191,7 @@ class Judge:
 
 
 def requirements_of(experiment: Experiment, texts: Sequence[str], path: Path) -> list[Requirement]:
-    """Parse the requirements, and check them against the signals that a recording of `experiment` has.
-
-    Raises:
-        InputRefused: no requirement was given, or a requirement cannot be judged.
-    """
+    """Parse the requirements, and check them against the signals that a recording of `experiment` has."""
     if experiment.faults:
         raise InputRefused(f"{path}: has [[fault]] tables; the search inserts one fault at a time, remove them")
     named = [

@@ -258,11 +258,7 @@ def single_kind(kind: str) -> FaultKind | None:
 
 
 def known_sets(kinds: Sequence[str], sets: Collection[str]) -> tuple[str, ...]:
-    """Select the fault kinds and sets to search: `kinds`, or if empty all kinds of the groups `sets`.
-
-    Raises:
-        InputRefused: a kind or group is unknown.
-    """
+    """Select the fault kinds and sets to search: `kinds`, or if empty all kinds of the groups `sets`."""
     for kind in kinds:
         parse_fault_set(kind)
     if kinds:

@@ -23,11 +23,7 @@ class Case:
 
 
 def known_kinds(kinds: Sequence[str]) -> tuple[str, ...]:
-    """Sort the fault `kinds` into the catalogue's order; all kinds of the catalogue if `kinds` is empty.
-
-    Raises:
-        InputRefused: a kind is missing from the catalogue.
-    """
+    """Sort the fault `kinds` into the catalogue's order; all kinds of the catalogue if `kinds` is empty."""
     for kind in kinds:
         if kind not in FAULT_KINDS:
             raise InputRefused(f"--kind {kind}: {expected_names(kind, tuple(FAULT_KINDS))}")
@@ -42,9 +38,6 @@ def cases(
     Args:
         onsets: onsets (s).
         duration: duration of each fault (s); None for faults that last to the end.
-
-    Raises:
-        InputRefused: an onset is outside the experiment, or the duration is not positive.
     """
     end = experiment.duration_ticks * experiment.cosim.tick
     for onset in onsets:

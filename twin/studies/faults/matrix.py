@@ -152,11 +152,7 @@ def _outcome_to_dict(one: Reaction) -> dict[str, Any]:
 
 
 def matrix_rows(stage: Stage, cases: Sequence[Case]) -> Iterator[FaultRow]:
-    """Run every fault of the matrix, and yield its row as soon as its runs are done.
-
-    Raises:
-        InputRefused: a fault does not fit this robot.
-    """
+    """Run every fault of the matrix, and yield its row as soon as its runs are done."""
     experiment, force = stage.experiment, true_force(stage.healthy)
     assert experiment.monitor is not None
     tick, limit, touches = experiment.cosim.tick, experiment.monitor.force_limit, touching(stage.healthy)

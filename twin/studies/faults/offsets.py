@@ -46,11 +46,7 @@ def moved_tasks(tasks: Sequence[Any], offset: tuple[float, float]) -> dict[str, 
 
 
 def moved_settings(experiment: Experiment, offset: tuple[float, float]) -> tuple[str, ...]:
-    """Return `key=value` texts that move all tasks of an experiment by `offset` (m); empty without an offset.
-
-    Raises:
-        InputRefused: the experiment has no task to move.
-    """
+    """Return `key=value` texts that move all tasks of an experiment by `offset` (m); empty without an offset."""
     if offset == NO_OFFSET:
         return ()
     if not experiment.tasks:

@@ -64,11 +64,7 @@ class Stage:
 
     @cached_property
     def healthy(self) -> Outcome:
-        """Healthy run of the stage, without any fault.
-
-        Raises:
-            InputRefused, SafetyTrip, ComponentFailed: see `checked_healthy_run`.
-        """
+        """Healthy run of the stage, without any fault."""
         return checked_healthy_run(self.experiment)
 
     @cached_property
@@ -152,9 +148,6 @@ def load_stage(
         body: name of the body; None for the experiment's own.
         onsets: onsets of faults (s); default: in free motion and in contact.
         share: see `Stage`.
-
-    Raises:
-        InputRefused: the experiment is invalid. SafetyTrip, ComponentFailed: it trips or fails without any fault.
     """
     experiment = load_experiment(path, settings, drive, body)
     moved = moved_settings(experiment, offset)

@@ -214,11 +214,7 @@ def combinations_of(kind: FaultSet, onset: float, in_contact: bool, kinds: Seque
 
 
 def combination_rows(stage: Stage, wanted: Sequence[FaultSet], kinds: Sequence[str]) -> Iterator[CombinationRow]:
-    """Run the combinations of faults on a stage, and yield one row per combination as soon as its runs are done.
-
-    Raises:
-        InputRefused: a fault does not fit this robot.
-    """
+    """Run the combinations of faults on a stage, and yield one row per combination as soon as its runs are done."""
     with stage:
         for kind in (FaultSet.COMMON, FaultSet.PAIRS):
             for onset in stage.onsets:

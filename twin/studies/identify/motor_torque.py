@@ -19,9 +19,6 @@ def spring_stiffness(springs: Fit, belief: Belief, log: Log) -> Estimate | None:
     Args:
         springs: identified springs, whose uncertainty is included.
         belief: belief with N.
-
-    Raises:
-        LogError: a torque is missing, or in another unit.
     """
     seen = springs.seen
     torque = np.stack([_mean(log, f"drive/{i}.tau_motor", seen) for i in (1, 2, 3)], axis=1).ravel()

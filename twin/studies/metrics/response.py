@@ -117,9 +117,6 @@ def step_info(t: Curve, y: Curve, before: float, reference: float) -> StepInfo:
         y: samples (n,).
         before: y_0.
         reference: r, constant after the step.
-
-    Raises:
-        InputRefused: fewer than 20 samples, no step, no answer, or a response that has not settled at the end.
     """
     if len(t) < 20:
         raise InputRefused(f"a step response of {len(t)} samples: expected 20 or more; record longer or faster")

@@ -260,11 +260,7 @@ class Fig5Score:
 
 
 def fig5_score(recordings: Sequence[Recording]) -> Fig5Score:
-    """Judge every massage task of the recordings on the claims of Fig. 5.
-
-    Raises:
-        InputRefused: a recording has no task.
-    """
+    """Judge every massage task of the recordings on the claims of Fig. 5."""
     tasks = [score for recording in recordings for score in _task_scores(recording)]
     remarks = [text for recording in recordings for text in (trip_sentence(recording), recording.note) if text]
     return Fig5Score(tuple(tasks), tuple(remarks))

@@ -151,10 +151,6 @@ def score_fig4(paths: Sequence[Path], out: Path | None) -> Result:
     Args:
         paths: two or four runs in the order of `FIG4_EXPERIMENTS`; empty for the latest in results/.
         out: folder; None for results/fig4.
-
-    Raises:
-        InputRefused: wrong number of runs, or an invalid run or folder.
-        NotWritten: the disk refuses.
     """
     paths = paths or _latest("fig4")
     if len(paths) not in (2, 4):
@@ -179,10 +175,6 @@ def score_fig5(paths: Sequence[Path], out: Path | None) -> Result:
     Args:
         paths: runs of tasks; empty for the latest of `FIG5_EXPERIMENTS` in results/.
         out: folder; None for results/fig5.
-
-    Raises:
-        InputRefused: an invalid run or folder.
-        NotWritten: the disk refuses.
     """
     recordings = _recordings(paths or _latest("fig5"))
     score = fig5.fig5_score(recordings)

@@ -127,11 +127,7 @@ class TaskRun:
 
 
 def task_runs(recording: Recording) -> list[TaskRun]:
-    """Split a recorded run into its massage tasks, in their order.
-
-    Raises:
-        InputRefused: the run has no task, or lacks a series that the claims need.
-    """
+    """Split a recorded run into its massage tasks, in their order."""
     tables = _tuples(settings(recording).get("task", []))
     tasks = tuple(checked_tasks(TASK_KINDS, tables, []).values())
     if tasks and (missing := missing_series(FIG5_SERIES, recording.fields())):

@@ -154,9 +154,6 @@ def on_bench(plan: DrivePlan, tick: float, inputs: Curve) -> Iterator[System]:
         plan: drive; all axes of a three-axis drive get the same command and load.
         tick: communication step (s).
         inputs: commanded speed (rad/s) and load (N m), held from tick to tick, (ticks, 2).
-
-    Raises:
-        InputRefused: the drive cannot be loaded or initialised, or refuses this tick.
     """
     ports = tuple(replace(port, size=plan.axes) for port in (OMEGA_REF, LOAD_ROLE.port))
     signals = playback(ports, np.repeat(inputs, plan.axes, axis=1))
@@ -223,9 +220,6 @@ def refuse_impossible(plan: DrivePlan, system: System, rows: Curve) -> None:
     Args:
         system: system made by `on_bench`.
         rows: outputs of the system (ticks, outputs), finite.
-
-    Raises:
-        ComponentFailed: angle or speed exceed `MAX_MOTION`.
     """
     motion = rows[:, [system.columns(f"drive.{name}").start for name in ("theta_m", "omega_m")]]
     beyond = np.abs(motion) > MAX_MOTION

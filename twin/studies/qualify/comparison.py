@@ -222,9 +222,6 @@ def trials(
         experiments: experiment files.
         drives: drives, see `load_experiment`.
         settings, body: settings and body of all experiments, see `load_experiment`.
-
-    Raises:
-        InputRefused: an experiment or a drive is invalid; checked before any experiment is run.
     """
     loaded = [[load_experiment(path, settings, drive, body) for drive in drives] for path in experiments]
     for one in (one for row in loaded for one in row):

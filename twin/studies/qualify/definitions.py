@@ -87,11 +87,7 @@ class Workload:
         self._reported = time.monotonic()
 
     def count_ticks(self, ticks: int, taken: float) -> None:
-        """Add completed ticks and their wall time (s) to the progress of the qualification, and report it.
-
-        Raises:
-            InputRefused: the whole check will take more than an hour, and that was not confirmed.
-        """
+        """Add completed ticks and their wall time (s) to the progress of the qualification, and report it."""
         self._done += ticks
         self._taken += taken
         each = self._taken / self._done

@@ -93,9 +93,6 @@ def direction_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
 
     Args:
         cycle: response to the work cycle.
-
-    Raises:
-        ComponentFailed: the drive failed in one of the runs.
     """
     back = response(plan, *work_cycle(speed=-SPEED_IN_USE, end=LOAD_TIME))
     fast = response(plan, *work_cycle(speed=SPEED_LIMIT, end=LOAD_TIME))
@@ -130,9 +127,6 @@ def load_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
 
     Args:
         cycle: response to the work cycle.
-
-    Raises:
-        ComponentFailed: the drive failed in the run without load.
     """
     free = response(plan, *work_cycle(load=0.0))
     first = round(LOAD_TIME / TICK)
@@ -187,11 +181,7 @@ def _in_time(name: str, value: float, remark: str = "") -> Measure:
 
 
 def overload(plan: DrivePlan) -> Response:
-    """Run a drive at the speed in use under a growing load until its shaft has stalled; return the response.
-
-    Raises:
-        ComponentFailed: the drive failed.
-    """
+    """Run a drive at the speed in use under a growing load until its shaft has stalled; return the response."""
     t = TICK * np.arange(round((RAMP_START + MAX_LOAD / RAMP_RATE) / TICK))
     tau_load = RAMP_RATE * np.maximum(0.0, t - RAMP_START)
     return response(plan, np.full(len(t), SPEED_IN_USE), tau_load, enough=_is_stall)
@@ -202,9 +192,6 @@ def stall_torque(plan: DrivePlan, done: Response) -> Measure:
 
     Args:
         done: response to `overload`.
-
-    Raises:
-        ComponentFailed: the drive failed under a held load.
     """
     if not _is_stall(done.theta_m):
         return Measure("stall_torque", None, f"more than {MAX_LOAD:g} N m")
@@ -253,11 +240,7 @@ def held_torque(found: float, carries: Callable[[float], bool]) -> float:
 
 
 def carries_load(plan: DrivePlan, load: float, rate: float = RAMP_RATE) -> bool:
-    """Whether a drive at the speed in use still turns after a load (N m) has been held.
-
-    Raises:
-        ComponentFailed: the drive failed.
-    """
+    """Whether a drive at the speed in use still turns after a load (N m) has been held."""
     t = TICK * np.arange(round((RAMP_START + load / rate + HOLD_TIME) / TICK))
     tau_load = np.clip(rate * (t - RAMP_START), 0.0, load)
     return not _is_stall(response(plan, np.full(len(t), SPEED_IN_USE), tau_load).theta_m)
@@ -275,9 +258,6 @@ def repetition_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
 
     Args:
         cycle: response to the work cycle.
-
-    Raises:
-        ComponentFailed: the drive failed in the second or third run.
     """
     again = [response(plan, *work_cycle()) for _ in range(2)]
     differs = (cycle.theta_m != again[0].theta_m) | (cycle.omega_m != again[0].omega_m)
@@ -353,9 +333,6 @@ def frequency_response(plan: DrivePlan) -> tuple[Curve, Curve]:
 
     Returns:
         (frequencies (n,) in Hz, amplitude of speed over amplitude of command (n,)).
-
-    Raises:
-        ComponentFailed: the drive failed.
     """
     count = 1 + round(PER_OCTAVE * np.log2(HIGHEST_FREQUENCY / LOWEST_FREQUENCY))
     coarse = np.geomspace(LOWEST_FREQUENCY, HIGHEST_FREQUENCY, count)

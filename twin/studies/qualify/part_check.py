@@ -64,9 +64,6 @@ def assess_part(
         experiment: experiment of the run.
         period: period of the part, in ticks.
         own: whether the run used twin's own component in this role.
-
-    Raises:
-        InputRefused: the part cannot be instantiated.
     """
     bench = _Bench(part, experiment, period, inputs_for(part, run, experiment, period))
     say("calling it")
@@ -214,10 +211,6 @@ def part_check(
         experiment: file or name of the experiment. Its run with twin's own part provides the inputs; if `part` is None,
             a run with the part named in the experiment.
         settings: settings applied to the experiment with the part, such as mapping and parameters.
-
-    Raises:
-        InputRefused: the part or the experiment cannot be used.
-        ComponentFailed: another component failed in the run.
     """
     if role not in ROLE_CONTRACTS:
         raise InputRefused(f"{role}: not a part that can be third-party; these can: {', '.join(ROLE_CONTRACTS)}")

@@ -230,10 +230,6 @@ def write_mapping(named: Sequence[str], start: Path) -> NewMapping:
     Args:
         named: FMUs, as accepted by `load_drive`, or one SSP.
         start: folder from which names are looked up.
-
-    Raises:
-        InputRefused: a file cannot be used, or a mapping exists already.
-        NotWritten: the folder or the disk refuses.
     """
     if any(name.endswith(".ssp") for name in named):
         if len(named) > 1:

@@ -60,9 +60,6 @@ def lifecycle_findings(plan: DrivePlan, apart: bool) -> list[Finding]:
 
     Args:
         apart: whether each check has a process of its own, so that a crash of an FMU costs only that check.
-
-    Raises:
-        InputRefused: an FMU cannot be loaded or initialised.
     """
     names = (*CHECK_FUNCTIONS, WRITTEN_CHECK)
     return [_isolate_check(plan, name) if apart else _bookkeeping_check(name, plan) for name in names]
@@ -315,11 +312,7 @@ def qualify_drive(table: Drive, apart: bool = False) -> Qualification:
 
 
 def _unit_doubts(done: Qualification) -> Iterator[str]:
-    """Yield sentences on implausible droop and stall torque, which suggest that a drive's load has another unit.
-
-    Raises:
-        ComponentFailed: the drive failed under a held load.
-    """
+    """Yield sentences on implausible droop and stall torque, which suggest that a drive's load has another unit."""
     load = next((b for b in done.plan.bindings if b.port.name == LOAD_ROLE.port.name), None)
     if load is None:
         return

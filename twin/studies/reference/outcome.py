@@ -153,11 +153,7 @@ class ReferenceFiles:
 
 
 def reference_files(file: Path) -> ReferenceFiles:
-    """Find the reference experiments shipped with an FMU, without running or unpacking it.
-
-    Raises:
-        InputRefused: the archive or its manifest is invalid.
-    """
+    """Find the reference experiments shipped with an FMU, without running or unpacking it."""
     results, parameters, unread = [], "", []
     names = entries(file)
     for source, role, type_ in _manifest_entries(file, names):
@@ -210,11 +206,7 @@ def _cross_check_trials(file: Path) -> list[Trial]:
 
 
 def read_trial(file: Path, trial: Trial, description: FmuDescription) -> TrialFiles:
-    """Load the files of a reference experiment and check them against the FMU.
-
-    Raises:
-        InputRefused: a file cannot be read, or does not fit the FMU.
-    """
+    """Load the files of a reference experiment and check them against the FMU."""
 
     def read(name: str) -> tuple[bytes, str]:
         if trial.inside:
@@ -227,11 +219,7 @@ def read_trial(file: Path, trial: Trial, description: FmuDescription) -> TrialFi
 
 
 def parameters_of(content: bytes, where: str, description: FmuDescription) -> dict[str, Value]:
-    """Parse the parameter values of a reference experiment (SSV), in the FMU's own units.
-
-    Raises:
-        InputRefused: a parameter is unknown, has an invalid value, or a unit different from the FMU's.
-    """
+    """Parse the parameter values of a reference experiment (SSV), in the FMU's own units."""
     given: dict[str, Value] = {}
     for one in parameter_set(content, where).parameters:
         known = description.variables.get(one.name)
@@ -247,12 +235,7 @@ def parameters_of(content: bytes, where: str, description: FmuDescription) -> di
 
 
 def series_of(content: bytes, where: str) -> Series:
-    """Parse signals over time from a CSV file's content.
-
-    Raises:
-        InputRefused: the content is not a table of numbers, a time is missing, invalid or descending, or a column mixes
-            numbers with other fields.
-    """
+    """Parse signals over time from a CSV file's content."""
     numbers = BOOLEAN_FIELD.sub(lambda field: b"1" if field[0].lower() == b"true" else b"0", content)
     table = parse_table(Path(where), io.BytesIO(numbers))
     time = table.head[0]
@@ -472,9 +455,6 @@ def references(file: Path, apart: bool, limits: JobLimits = JobLimits()) -> Refe
 
     Args:
         apart: whether each experiment has a process of its own, so that a crash costs only that experiment.
-
-    Raises:
-        InputRefused: the archive or its manifest is invalid.
     """
     found = reference_files(file)
     if not (found.unread or found.trials):
@@ -567,9 +547,6 @@ def drive_references(table: Drive, apart: bool) -> list[References]:
 
     Args:
         apart: see `references`.
-
-    Raises:
-        InputRefused: an archive or its manifest is invalid, or an FMU has another hash than its mapping pins.
     """
     if table.sha256 or any(part.sha256 for part in table.parts.values()):
         # Check the pinned hashes before anything is run.

@@ -52,12 +52,7 @@ class Proposal(NamedTuple):
 
 
 def propose(log: Path) -> Proposal:
-    """Propose a column map for a robot's CSV file, and write it as NAME.map.toml in the same folder.
-
-    Raises:
-        LogError: no CSV file, or the map exists.
-        NotWritten: the file cannot be written.
-    """
+    """Propose a column map for a robot's CSV file, and write it as NAME.map.toml in the same folder."""
     text, complete = proposal(read_table(log))
     path = log.with_suffix(".map.toml")
     if os.path.lexists(path):

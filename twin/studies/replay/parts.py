@@ -110,9 +110,6 @@ class Estimates:
     Args:
         model: belief about the robot.
         check: check of angles and force by the column map.
-
-    Raises:
-        LogError: (by `feed`) the first counts are not of this robot.
     """
 
     def __init__(self, model: RobotModel, check: MapCheck):

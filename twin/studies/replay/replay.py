@@ -84,9 +84,6 @@ class Replay:
 def normal_time(text: str) -> tuple[float, float]:
     """Parse the time of normal operation in a log, the baseline, into (from, to), s after the first sample: `2` is 0 to
     2, `1:3` is 1 to 3.
-
-    Raises:
-        InputRefused: an invalid text.
     """
     first, colon, last = text.rpartition(":")
     try:
@@ -117,10 +114,6 @@ def replay_log(
         baseline: (from, to) after the first sample (s), the reference, best in free air; earlier samples are not
             judged.
         tolerance: accepted change of the mean force residual (N); None for the effect of rounding.
-
-    Raises:
-        InputRefused: no log of a robot, or too short for the baseline.
-        ComponentFailed: the plant model left the workspace.
     """
     robot = robot_samples(log, model.belief)
     _refuse_lengths(robot, baseline, tolerance)
@@ -158,11 +151,7 @@ def replay_log(
 
 
 def estimates(robot: RobotSamples, model: RobotModel) -> Rows:
-    """Estimate position and force over a whole log, as rows of the topics `estimator` and `twin`; see `Estimates`.
-
-    Raises:
-        LogError: the first sample fits no pose, or the columns are not the signals of the map.
-    """
+    """Estimate position and force over a whole log, as rows of the topics `estimator` and `twin`; see `Estimates`."""
     check = MapCheck(str(robot.path), model.belief, robot.columns)
     rows = Estimates(model, check).feed(robot, {})
     if check.map_error:

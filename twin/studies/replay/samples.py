@@ -90,9 +90,6 @@ def samples_of(run: RunView) -> RobotSamples:
     """Extract a robot's samples from a run: counts, commands, torques and force as its computer receives them.
 
     With faulty encoders the counts are the received ones. A measured force appears only at its own times.
-
-    Raises:
-        InputRefused: the run has no counts.
     """
     has = run.fields()
     if "encoder.count_m" not in has or "encoder.count_l" not in has:
@@ -124,10 +121,6 @@ def robot_samples(log: Log, belief: Belief) -> RobotSamples:
     Args:
         log: log of `read_log`.
         belief: converts angles to counts.
-
-    Raises:
-        LogError: no encoders, other units, motor and joint encoders at different times, times before 0, or a share of
-            invalid samples above `MAX_INVALID_SHARE`.
     """
     sides = [_counts_in(log, name, belief) for name in ANGLE_OF_COUNT]
     counts = join_rows(sides)

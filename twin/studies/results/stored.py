@@ -144,11 +144,7 @@ class StoredRun:
         return found
 
     def remove(self) -> int:
-        """Remove the run's files written by twin, and its folder if it is then empty; return the removed size (bytes).
-
-        Raises:
-            OSError: the disk refuses.
-        """
+        """Remove the run's files and its folder if it is then empty; return the removed size (bytes)."""
         size = 0
         for path in self.own_files:
             size += path.lstat().st_size

@@ -14,11 +14,7 @@ MIN_PEAK_GROWTH = 0.5
 
 
 def old_lines(path: Path) -> dict[str, dict[str, Any]]:
-    """Load the lines of an older safety page's data, by their ids.
-
-    Raises:
-        InputRefused: the file is missing or has no data of a page.
-    """
+    """Load the lines of an older safety page's data, by their ids."""
     try:
         found = json.loads(path.read_text())
         return {line["id"]: line for line in found["lines"]}

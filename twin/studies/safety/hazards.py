@@ -164,11 +164,7 @@ class SafetyTable:
 
 
 def read_hazards(path: Path) -> SafetyTable:
-    """Read and check the hazard table of a file.
-
-    Raises:
-        InputRefused: the file is missing or invalid; the message lists all errors.
-    """
+    """Read and check the hazard table of a file."""
     values = dict(read_source(path).values)
     mistakes: list[str] = []
     tables = {key: values.pop(key, ()) for key in ("hazard", "threshold", "variant")}

@@ -48,9 +48,6 @@ def threshold_points(
         path, settings: experiment file and its `key=value`.
         worst: lines with the stage of their worst run.
         say: called before each point.
-
-    Raises:
-        InputRefused: a key is not a number of [monitor], or a robot of the fleet is invalid.
     """
     found = []
     for key in asked.keys:
@@ -74,11 +71,7 @@ def threshold_points(
 
 
 def nominal_value(path: Path, settings: Sequence[str], key: str) -> float:
-    """Return the experiment's own value of a monitor threshold `key`, in the key's unit.
-
-    Raises:
-        InputRefused: `key` is not a number of [monitor].
-    """
+    """Return the experiment's own value of a monitor threshold `key`, in the key's unit."""
     from twin.kernel.errors import InputRefused, nearest
     from twin.robot.experiment.mistakes import toml_keys
     from twin.robot.monitor.limits import Monitor

@@ -42,10 +42,6 @@ def safety(
     is exceeded, failed, or worse than --against, 2 input refused.
 
     Example: twin safety experiments/safety/massage.toml --quick
-
-    Raises:
-        InputRefused: a table is invalid, or --against is not the data of a page.
-        NotWritten: the disk refuses.
     """
     from twin.kernel.atomic_write import write_json
     from twin.studies.safety.changes import old_lines, regressions
@@ -83,11 +79,7 @@ def safety(
 
 
 def refuse_unusable(table: "SafetyTable", settings: Sequence[str]) -> None:
-    """Reject invalid bodies, variants and sensitivities of a hazard table before the first run.
-
-    Raises:
-        InputRefused: a body, a variant or the sensitivity does not make an experiment, or that has no monitor.
-    """
+    """Reject invalid bodies, variants and sensitivities of a hazard table before the first run."""
     from twin.robot.assembly.load import load_experiment
     from twin.robot.experiment.experiment_files import experiment_file
     from twin.studies.safety.sensitivity import nominal_value
@@ -125,9 +117,6 @@ def write_page(
 
     Returns:
         The lines of the table, and the results of the tried monitor thresholds.
-
-    Raises:
-        InputRefused: the experiment or a threshold cannot be used. NotWritten: the disk refuses.
     """
     from math import pi
 

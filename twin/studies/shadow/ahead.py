@@ -502,9 +502,6 @@ def changed_experiments(path: Path, settings: Sequence[str], what_if: Sequence[s
         path: file of the experiment.
         settings: "table.key=value" texts of the robot.
         what_if: texts of the command line.
-
-    Raises:
-        InputRefused: an unknown key, or one that cannot change in mid-run.
     """
     found = {}
     for text in what_if:
@@ -529,9 +526,6 @@ def session_branches(
     Args:
         limit: maximum pressing force (N); None for the monitor's limit, if any.
         note: receives the reason.
-
-    Raises:
-        InputRefused: the robot cannot be predicted, and `--what-if` was given.
     """
     if limit is None:
         limit = experiment.monitor.force_limit if experiment.monitor else math.inf

@@ -70,11 +70,7 @@ def run_length(H: float) -> float:
 def threshold(
     per_hour: float, block: float = BLOCK_LENGTH, sides: int = SUM_COUNT, reserve: float = RATE_RESERVE
 ) -> float:
-    """Compute the alarm threshold H, by sigma, for a rate of false alarms per hour over all `sides` together.
-
-    Raises:
-        InputRefused: a rate outside 1e-6 to 100.
-    """
+    """Compute the alarm threshold H, by sigma, for a rate of false alarms per hour over all `sides` together."""
     if not 1e-6 <= per_hour <= 100.0:
         raise InputRefused(f"{per_hour:g} false alarms an hour: expected 1e-6 to 100")
     wanted = 3600.0 / block * sides * reserve / per_hour

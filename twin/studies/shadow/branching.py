@@ -120,9 +120,6 @@ class Branching:
     Attributes:
         law: the controller.
         tick, period: tick of the system (s), and period of its controller (ticks).
-
-    Raises:
-        InputRefused: a component is third-party, or has no state.
     """
 
     def __init__(self, experiment: Experiment, where: str = ""):
@@ -265,11 +262,7 @@ class Branching:
         return np.array([now.contact_estimate.pressing(now.x, now.J, self.surface(now.tick)[0]), now.x[POSITION + 2]])
 
     def refuse_other_law(self, law: Component, where: str) -> None:
-        """Reject a controller whose state does not fit this system's controller; `where` begins the error message.
-
-        Raises:
-            InputRefused: the states differ in their pieces.
-        """
+        """Reject a controller whose state does not fit this system's controller; `where` begins the error message."""
         mine, theirs = ({name: a.shape for name, a in one.pieces().items()} for one in (self.law, law))
         if mine != theirs:
             raise InputRefused(f"{where}the controller cannot be another one in mid-run")

@@ -23,11 +23,7 @@ changing ten times a second."""
 
 
 def shadow_of(experiment: Experiment, noises: Noises = Noises()) -> Shadow:  # noqa: B008, it is a tuple
-    """Create the Kalman filter of the robot that `experiment` describes.
-
-    Raises:
-        InputRefused: a drive does not fit.
-    """
+    """Create the Kalman filter of the robot that `experiment` describes."""
     plant = experiment.plant
     return Shadow(
         plant_parameters(plant, experiment.contact),
@@ -39,11 +35,7 @@ def shadow_of(experiment: Experiment, noises: Noises = Noises()) -> Shadow:  # n
 
 
 def drive_model(experiment: Experiment) -> ShadowDrive:
-    """Create the filter's drive model for `experiment`: from the equations of `velocity_servo`, else `UNKNOWN_DRIVE`.
-
-    Raises:
-        InputRefused: a drive does not fit.
-    """
+    """Create the drive model of `experiment`: from the equations of `velocity_servo`, else `UNKNOWN_DRIVE`."""
     known = servos(planned_drives(experiment))
     if known is None:
         return UNKNOWN_DRIVE
@@ -71,11 +63,7 @@ class FilterFeed:
         self.inputs, self.outputs = by_port(INPUTS, self.u), by_port(OUTPUTS, self.y)
 
     def __call__(self, t: float) -> None:
-        """Step the filter with the sample in `u` of time `t` (s), later than the previous sample.
-
-        Raises:
-            ComponentFailed: the counts of the first sample fit no pose.
-        """
+        """Step the filter with the sample in `u` of time `t` (s), later than the previous sample."""
         status = self._step(self._shadow.self_address, t, t - self._last, *self._at)
         if status:
             raise ComponentFailed(f"shadow {self._shadow.explain(status)}, t = {t:.3f} s")
@@ -83,11 +71,7 @@ class FilterFeed:
 
 
 def filter_outputs(shadow: Shadow, samples: RobotSamples) -> Columns:
-    """Step the filter over all `samples`, and return its outputs by the names in `layout.OUTPUTS`: (n,) or (n, size).
-
-    Raises:
-        ComponentFailed: the first counts fit no pose.
-    """
+    """Step the filter over all `samples`; return its outputs by the names in `layout.OUTPUTS`: (n,) or (n, size)."""
     h = samples.periods
     rows, status = play(shadow, samples.t, np.where(np.isfinite(h), h, 1e9), samples.u)
     if status:

@@ -131,9 +131,6 @@ def read_fleet(
             values do not vary.
         runs, seed: replacements of the file's values, if given, for other robots.
         settings: settings of all robots and their twin.
-
-    Raises:
-        InputRefused: all errors of the file.
     """
     definition, named = read_definition(path)
     settings = (*SCALE_SETTINGS, *settings)
@@ -208,9 +205,6 @@ def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
 
     Args:
         means: block means (n, channels) of each robot, from its first block.
-
-    Raises:
-        InputRefused: all runs are too short for a shift.
     """
     # at least two blocks after the reference: the spread is computed from neighbours
     if max(map(len, means)) < (blocks := FIRST_BLOCKS + 2):

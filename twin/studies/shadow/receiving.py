@@ -90,9 +90,6 @@ class Receiver:
 
         Args:
             end: whether the source has ended.
-
-        Raises:
-            LogError: an unreadable message before the first sample.
         """
         with self.lock:
             if self._failure is not None:

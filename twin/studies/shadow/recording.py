@@ -30,9 +30,6 @@ class ShadowRecording:
         model: belief about the robot.
         source: name of the robot's source.
         first: stamp and arrival of the first sample, ns.
-
-    Raises:
-        RecordingFailed: (each method) the file cannot be written.
     """
 
     def __init__(

@@ -125,11 +125,7 @@ class Session:
         self.followed = SessionSummary(source.name)
 
     def wait_for_topics(self) -> None:
-        """Wait for the topics of the column map, and subscribe to each as soon as it is published.
-
-        Raises:
-            LogError: the type of a topic is unknown or unsupported.
-        """
+        """Wait for the topics of the column map, and subscribe to each as soon as it is published."""
         by_topic: dict[str, dict[str, MappedColumn]] = {}
         for signal, column in self._columns.items():
             if signal != TIME_SIGNAL:
@@ -172,10 +168,6 @@ class Session:
 
         Args:
             path: returns the path of the recording, called at the first sample.
-
-        Raises:
-            InputRefused: the data are not of this robot.
-            RecordingFailed: the file cannot be written.
         """
         if self._live:
             self._receiver.start()

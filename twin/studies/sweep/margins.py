@@ -31,9 +31,6 @@ def write_margins(plan: SweepPlan, found: SweepRows, folder: Path, engine: Engin
     Args:
         found: rows of `plan`, stored in `folder`.
         engine, limits: see `run_sweep`.
-
-    Raises:
-        KeyboardInterrupt, TwinError: see `run_sweep`.
     """
     keys = {*found.columns.categorical("key").select(best_rows(found, SweepQuery(HOLD_ERROR, "", MAX_MARGIN_RUNS)))}
     if plan.definition.claims or keys <= found.margins.keys():

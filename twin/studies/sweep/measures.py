@@ -91,11 +91,7 @@ def metric_names(measures: Sequence["Measure"]) -> tuple[str, ...]:
 
 
 def require_metric(place: str, metric: str, known: Sequence[str]) -> str:
-    """Return the name of a metric after checking that it is known.
-
-    Raises:
-        InputRefused: the metric is unknown; the message names `place`.
-    """
+    """Return the name of a metric after checking that it is known."""
     if metric not in known:
         raise InputRefused(f"{place} {metric}: no such metric; {nearest(metric, known)}")
     return metric

@@ -194,11 +194,7 @@ class SweepFile(BaseModel):
 
 
 def read_definition(path: Path) -> tuple[SweepFile, Path]:
-    """Load a sweep file and locate the experiment file that it names.
-
-    Raises:
-        InputRefused: the file is missing, is not TOML, or is invalid; the message lists every error.
-    """
+    """Load a sweep file and locate the experiment file that it names."""
     table = read_toml(path, "sweep file")
     # every experiment has a title, its own or that of the file it extends; a sweep file has neither
     if "experiment" not in table and table.keys() & {"title", "extends"}:
@@ -208,11 +204,7 @@ def read_definition(path: Path) -> tuple[SweepFile, Path]:
 
 
 def short_definition(experiment: Path, ranges: Sequence[str], drive: str | None) -> SweepFile:
-    """Convert ranges of a command line, each "key=from:to:count", to the definition of a grid sweep.
-
-    Raises:
-        InputRefused: a range is malformed, or a key occurs twice.
-    """
+    """Convert ranges of a command line, each "key=from:to:count", to the definition of a grid sweep."""
     tables = []
     for text in ranges:
         key, _, levels = text.partition("=")
@@ -307,11 +299,7 @@ def largest_count(definition: SweepFile) -> int:
 
 
 def points(definition: SweepFile) -> list[DesignPoint]:
-    """Generate all distinct points of a sweep's design; each drive runs the same points for comparison.
-
-    Raises:
-        InputRefused: there are more than `MAX_PLANNED_RUNS` runs.
-    """
+    """Generate all distinct points of a sweep's design; each drive runs the same points for comparison."""
     if (count := largest_count(definition)) > MAX_PLANNED_RUNS:
         raise InputRefused(
             f"{count:,} runs: more than {MAX_PLANNED_RUNS:,} cannot be planned; take fewer levels, or draw"
@@ -441,11 +429,7 @@ class SweepPlan:
 
 
 def read_plan(path: Path) -> SweepPlan:
-    """Load a sweep file and plan its runs.
-
-    Raises:
-        InputRefused: see `read_definition` and `plan_of`.
-    """
+    """Load a sweep file and plan its runs."""
     definition, experiment = read_definition(path)
     return plan_of(definition, experiment, path.stem, str(path))
 
@@ -458,9 +442,6 @@ def plan_of(definition: SweepFile, experiment: Path, name: str, source: str, set
         name: name of the sweep.
         source: origin of the definition, shown in error messages.
         settings: settings for `load_experiment`, applied to every run.
-
-    Raises:
-        InputRefused: the design has zero runs, a run's values make no valid experiment, or a limit names no metric.
     """
     drafts = [(point, (*settings, *_settings(definition, point))) for point in points(definition)]
     if not drafts:
@@ -523,9 +504,6 @@ def files_digest(experiment: Path, drive: str | None, settings: tuple[str, ...])
 
     Args:
         drive, settings: drive and settings of the run; only the `text_settings` count.
-
-    Raises:
-        InputRefused: the settings make no valid experiment.
     """
     return _RunFiles(str(experiment), experiment, False).load(drive, text_settings(settings))[1]
 
@@ -557,11 +535,7 @@ class _RunFiles:
         return self._found[files]
 
     def load(self, drive: str | None, settings: tuple[str, ...]) -> "tuple[Experiment, str, dict[str, str]]":
-        """Load the experiment of a run; return it with the hash of its files and the SHA-256 of its third-party parts.
-
-        Raises:
-            InputRefused: drive and settings make no valid experiment.
-        """
+        """Load the experiment of a run; return it with its file hash and the SHA-256 of its third-party parts."""
         # Importing the FMU tool chain is slow.
         from twin.robot.assembly.drives import plan_drive as planned_drive
         from twin.robot.assembly.load import load_experiment

@@ -95,11 +95,7 @@ class DiskError(ComponentFailed):
 
 
 def read_rows(path: Path) -> list[Row]:
-    """Load the complete rows of a sweep's file with all fields, oldest first; of duplicate keys the first wins.
-
-    Raises:
-        InputRefused: see `read_columns`.
-    """
+    """Load the complete rows of a sweep's file with all fields, oldest first; of duplicate keys the first wins."""
     rows: dict[str, Row] = {}
     for row, line, _ in _whole_lines(path):
         rows.setdefault(row["key"], json.loads(line))
@@ -149,9 +145,6 @@ class RowFile:
     Attributes:
         before: rows in the file when it was opened, oldest first.
         count: number of rows in the file now.
-
-    Raises:
-        InputRefused: the file cannot be opened, is not a file of rows, or is locked by another sweep.
     """
 
     def __init__(self, path: Path):

@@ -104,12 +104,7 @@ class SweepRows:
 
 
 def claim(folder: Path, plan: "SweepPlan") -> None:
-    """Claim a folder for a sweep: write sweep.json, or check that the folder already belongs to the same plan.
-
-    Raises:
-        InputRefused: the folder belongs to another sweep, or cannot be created.
-        NotWritten: the disk refuses.
-    """
+    """Claim a folder for a sweep: write sweep.json, or check that the folder already belongs to the same plan."""
     facts = _read_json(folder / SWEEP_FILE, _FACTS_ADAPTER)
     if facts:
         changed = [what for what, digest in plan.configuration.items() if facts["configuration"].get(what) != digest]
@@ -137,11 +132,7 @@ def claim(folder: Path, plan: "SweepPlan") -> None:
 
 
 def stored_sweep(folder: Path) -> SweepRows:
-    """Load the sweep stored in a folder.
-
-    Raises:
-        InputRefused: the folder has no sweep, or see `read_columns`.
-    """
+    """Load the sweep stored in a folder."""
     facts = _read_json(folder / SWEEP_FILE, _FACTS_ADAPTER)
     if not facts:
         raise InputRefused(

@@ -56,11 +56,6 @@ def sweep_run(
     3 the disk is full or the cluster is gone, 130 interrupted.
 
     Example: twin sweep run experiments/sweeps/stiffness_and_gain.toml --dry-run
-
-    Raises:
-        InputRefused: see `check_start` and `read_plan`; or options contradict each other.
-        StudyInterrupt: Ctrl-C, after rows were written.
-        TwinError: see `run_sweep`.
     """
     from twin.robot.experiment.experiment_files import sweep_file
     from twin.studies.sweep.plan import read_definition, read_plan
@@ -99,11 +94,7 @@ def short_sweep(
     yes: bool,
     say: Say,
 ) -> Answer:
-    """Run the grid sweep that the option --sweep of `twin run` describes.
-
-    Raises:
-        InputRefused, StudyInterrupt, TwinError: see `sweep_run`.
-    """
+    """Run the grid sweep that the option --sweep of `twin run` describes."""
     from twin.robot.experiment.experiment_files import experiment_file
     from twin.studies.sweep.plan import plan_of, short_definition
     from twin.studies.sweep.stored import SWEEPS_FOLDER
@@ -121,11 +112,7 @@ def short_sweep(
 
 
 def check_start(place: str, definition: "SweepFile", sure: bool) -> None:
-    """Ask for confirmation before a sweep of many runs, unless it is confirmed already.
-
-    Raises:
-        InputRefused: sweeps are unsupported on this system, or the number of runs was not confirmed.
-    """
+    """Ask for confirmation before a sweep of many runs, unless it is confirmed already."""
     from twin.studies.sweep.plan import largest_count
 
     if os.name != "posix":
@@ -206,10 +193,6 @@ def complete_sweep(
         parquet: whether to also write rows.parquet.
         by: metric to rank by; None for the default, see `usual_metric`.
         as_json: whether the answer has facts; without `--json` the possibly many rows are left out.
-
-    Raises:
-        StudyInterrupt: Ctrl-C, after rows were written.
-        TwinError: see `run_sweep`.
     """
     from twin.studies.sweep.engine import LocalEngine
     from twin.studies.sweep.parquet import write_parquet

@@ -58,10 +58,6 @@ def run_task(
         claims: see `trial`.
         trial, record: see `Job`.
         files: expected hash of the run's files, see `files_digest`; "" to skip the check.
-
-    Raises:
-        InputRefused: the run's files have another hash.
-        RecordingFailed: the disk is full.
     """
     reporter.loading()
     os.chdir(here)
@@ -120,11 +116,7 @@ def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = 
 
 
 def record_run(path: Path, drive: str | None, settings: Sequence[str], folder: Path) -> None:
-    """Run one experiment of a sweep and record it in a folder; a failed run is recorded, too.
-
-    Raises:
-        InputRefused, NotWritten: the folder cannot be created, or the disk is full; the run is not to blame.
-    """
+    """Run one experiment of a sweep and record it in a folder; a failed run is recorded, too."""
     # The run's result comes from `trial`, so failures are ignored here.
     try:
         experiment = load_experiment(path, settings, drive)

@@ -230,11 +230,6 @@ def record_system(
         state_every: time between saved states (s); None to save only the last state.
         start_from: run of this system to continue, optionally with @ and the time (s) of a saved state.
         additions: values, inputs over time, and recorded variables.
-
-    Raises:
-        InputRefused: the system cannot be run, or the state does not exist; nothing has been written.
-        ComponentFailed: a component failed; the recording up to then is kept.
-        NotWritten: the disk is full; likewise.
     """
     reporter.loading()
     # Determined before an FMU is loaded, which may change the working directory.
@@ -263,10 +258,6 @@ def write_system(
 
     Args:
         out: file to write; None for NAME.ssp in the current folder.
-
-    Raises:
-        InputRefused: the system cannot be run, SSP cannot express an option, or the file exists already.
-        NotWritten: the disk refuses.
     """
     for option, asked in (
         ("--record", additions.recorded),
@@ -311,9 +302,6 @@ def write_joined_system(
 
     Returns:
         The archive, and notes on its wires.
-
-    Raises:
-        InputRefused: see `join_fmus` and `write_system`.
     """
     # Guessing wires needs code for drives, which other systems do not load.
     from twin.studies.systems.joined import join_fmus

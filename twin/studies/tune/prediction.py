@@ -60,9 +60,6 @@ class Goals:
         overshoot: maximum overshoot of a step (share of the step).
         bandwidth: minimum bandwidth (rad/s) of the law `law`; None for no such goal.
         law: "force", or "position" where no force loop acts.
-
-    Raises:
-        InputRefused: no gains can meet the goals.
     """
 
     sensitivity: float = 1.6
@@ -87,11 +84,7 @@ class Goals:
         return (self.bandwidth or 0.0) / (2.0 * math.pi)
 
     def refuse_period(self, period: float) -> None:
-        """Refuse a bandwidth goal that a controller with the given period (s) cannot reach.
-
-        Raises:
-            InputRefused: the bandwidth exceeds half the rate of the controller.
-        """
+        """Refuse a bandwidth goal that a controller with the given period (s) cannot reach."""
         if self.bandwidth is not None and self.bandwidth >= math.pi / period:
             raise InputRefused(
                 f"--bandwidth-Hz {self.bandwidth_hertz:g}: beyond half the controller's rate of "
@@ -100,11 +93,7 @@ class Goals:
 
 
 def stiffness_range(text: str) -> tuple[float, float]:
-    """Parse a stiffness range, "300:5000", into (lowest, highest) (N/m).
-
-    Raises:
-        InputRefused: `text` is not an ascending range of positive numbers.
-    """
+    """Parse a stiffness range, "300:5000", into (lowest, highest) (N/m)."""
     try:
         low, high = (float(number) for number in text.split(":"))
     except ValueError:
@@ -135,11 +124,7 @@ def round_gains(gains: LawGains) -> LawGains:
 
 
 def gains_of(experiment: Experiment) -> LawGains:
-    """Return the gains of an experiment that tuning changes; refuse it if any other gain is not zero.
-
-    Raises:
-        InputRefused: a gain that is not tuned is not zero.
-    """
+    """Return the gains of an experiment that tuning changes; refuse it if any other gain is not zero."""
     position, force = experiment.controller.position, experiment.controller.force
     others = {
         "controller.position.ki_per_s2": position.ki,
@@ -227,11 +212,6 @@ def corners(
 
     Returns:
         (corners, error messages of points without a linear model, linearisations with the identified drives).
-
-    Raises:
-        InputRefused: the experiment has no operating point, a drive has no linear model, or a surface is too soft for
-            the force.
-        ComponentFailed: a drive failed while it was measured.
     """
     points, problems = operating_points(experiments[0])
     if stiffness is not None:

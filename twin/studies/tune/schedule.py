@@ -153,11 +153,7 @@ def geometric_grid(low: float, high: float) -> list[float]:
 
 
 def design_schedule(base: tuned.TuningResult) -> GainSchedule:
-    """Design a gain schedule for a tuned experiment, over the stiffness range of its tuning.
-
-    Raises:
-        InputRefused: the experiment has no force control in contact, or the range is a single stiffness.
-    """
+    """Design a gain schedule for a tuned experiment, over the stiffness range of its tuning."""
     goals, name = base.goals, base.experiments[0].name
     places = _places(base)
     if not places:

@@ -417,11 +417,6 @@ def tune_gains(
         experiments: the same experiment with each drive that the gains must suit, at least one.
         goals: goals; `law` is determined here.
         stiffness: stiffness range of the contact (N/m).
-
-    Raises:
-        InputRefused: the goals cannot be met by any gains, a gain that is not tuned is not zero, or a linear model is
-            missing.
-        ComponentFailed: a drive failed while it was measured.
     """
     first = experiments[0]
     refuse_third_party_parts(first, "twin tune", ("controller", "estimator"))

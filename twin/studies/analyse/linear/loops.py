@@ -249,9 +249,6 @@ def estimation(belief: Belief, gravity_compensation: bool, read: Matrix, standin
 
     Args:
         standing: motor speeds (3,) that the law commands at rest, rad/s, to compensate the drives' droop.
-
-    Raises:
-        numpy.linalg.LinAlgError: the pose is singular.
     """
     at = memory_of(_ESTIMATION_RECORD, belief=tuple(belief), gravity_compensation=gravity_compensation)
     per_turn = np.repeat([belief.motor_counts, belief.joint_counts], 3) / (2.0 * np.pi)

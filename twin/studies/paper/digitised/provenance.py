@@ -67,11 +67,7 @@ class Provenance:
 
 
 def provenance(log: Log) -> Provenance | None:
-    """Parse the origin of a digitised curve from its log; None if the log is not a digitised curve.
-
-    Raises:
-        LogError: the head does not follow the README.md in this folder, or claims an accuracy below half a pixel.
-    """
+    """Parse the origin of a digitised curve from its log; None if the log is not a digitised curve."""
     if "[figure]" not in log.comments:
         return None
     try:

@@ -108,11 +108,7 @@ def connect_client(scheduler: str) -> Iterator[Client]:
 
 
 def refuse_other_versions(client: Client) -> None:
-    """Refuse a Dask cluster unless scheduler and workers run the same versions as this process.
-
-    Raises:
-        InputRefused: one of them has other versions, or lacks a compatible twin.
-    """
+    """Refuse a Dask cluster unless scheduler and workers run the same versions as this process."""
     workers: dict[str, Any] = {}
     try:
         scheduler: Any = call_with_timeout(ANSWER_TIMEOUT, client.run_on_scheduler, versions)
@@ -181,9 +177,6 @@ def _refuse_no_scheduler(address: str) -> None:
     """Refuse an address at which no Dask scheduler answers.
 
     Dask's client would wait forever for a silent server.
-
-    Raises:
-        InputRefused: no scheduler answers at the address.
     """
 
     async def role() -> str:

@@ -131,11 +131,7 @@ class _Batches:
             attempt_with_timeout(END_TIMEOUT, self._client.unregister_worker_plugin, self._sweep)
 
     def _check_cluster(self) -> None:
-        """Check that the cluster is connected, and count its threads, at most once per `CHECK_PERIOD`.
-
-        Raises:
-            ClusterLost: the cluster is gone.
-        """
+        """Check that the cluster is connected, and count its threads, at most once per `CHECK_PERIOD`."""
         if self._client.status != "running":
             raise self._cluster_error()
         if time.monotonic() - self._looked < CHECK_PERIOD:
@@ -175,12 +171,7 @@ class _Batches:
         self._ended.add(future)
 
     def _is_worker_death(self, reply: Any) -> bool:
-        """Whether a batch failed because all cluster workers that tried it have died.
-
-        Raises:
-            ClusterLost: the scheduler is gone.
-            TwinError: no run can continue.
-        """
+        """Whether a batch failed because all cluster workers that tried it have died."""
         match reply:
             case list():
                 return False

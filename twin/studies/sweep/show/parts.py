@@ -509,11 +509,7 @@ def _reasons(sweep: SweepRows) -> ReportPart | None:
 
 
 def axes_of(sweep: SweepRows, x: str | None, y: str | None) -> tuple[str, str] | None:
-    """Return the two parameters of the map: the requested ones, else the first numeric ones; None with fewer than two.
-
-    Raises:
-        InputRefused: a requested parameter does not vary.
-    """
+    """Return the two parameters of the map: the requested ones, else the first numeric; None if fewer than two."""
     numeric = ranking.numeric_labels(sweep.labels, sweep.columns)
     names = short_names(sweep.labels)
     chosen = []
@@ -531,11 +527,7 @@ def axes_of(sweep: SweepRows, x: str | None, y: str | None) -> tuple[str, str] |
 
 
 def worst_label(sweep: SweepRows, wanted: str | None) -> str | None:
-    """Return the full label of the `--worst-over` parameter, given by its full or short name.
-
-    Raises:
-        InputRefused: no parameter of that name varies.
-    """
+    """Return the full label of the `--worst-over` parameter, given by its full or short name."""
     names = short_names(sweep.labels)
     found = next((label for label in sweep.labels if wanted in (label, names[label])), None)
     if wanted is not None and found is None:

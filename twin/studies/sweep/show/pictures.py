@@ -101,11 +101,7 @@ def _cells(along: Numbers, cells: int) -> NDArray[np.int64]:
 
 
 def draw_front(sweep: SweepRows, asked: SweepQuery, path: Path) -> None:
-    """Draw the Pareto front and all ranked runs of a sweep to `path` (PNG).
-
-    Raises:
-        NotWritten: the disk refuses.
-    """
+    """Draw the Pareto front and all ranked runs of a sweep to `path` (PNG)."""
     with picture(path, 7.5, 4.8) as figure:
         axes = figure.subplots()
         columns = sweep.columns
@@ -260,11 +256,7 @@ def _draw_cell(panel: Axes, shade: ScalarMappable, i: int, j: int, best: float) 
 
 
 def draw_spreads(sweep: SweepRows, path: Path) -> None:
-    """Draw the distribution of each metric of a sweep to `path` (PNG).
-
-    Raises:
-        NotWritten: the disk refuses.
-    """
+    """Draw the distribution of each metric of a sweep to `path` (PNG)."""
     columns = sweep.columns
     metrics, drives = metrics_in(columns), drives_in(columns)
     lines = -(-len(metrics) // PANEL_COLUMNS)
@@ -296,9 +288,6 @@ def draw_bands(bands: Bands, sweep: SweepRows, path: Path) -> None:
     """Draw the quantile bands of a sweep's curves to `path` (PNG).
 
     Panels A to D reproduce Fig. 4, with the force-position run on top, as in the paper; below are the true signals.
-
-    Raises:
-        NotWritten: the disk refuses.
     """
     # Slow to import, and few sweeps judge claims.
     from twin.studies.paper.fig4_figure import FP_BASED, FP_REFERENCE, P_BASED
@@ -342,9 +331,6 @@ def write_pictures(sweep: SweepRows, asked: SweepQuery, x: str | None, y: str | 
 
     Args:
         x, y: parameters of the heat map; None for the first two.
-
-    Raises:
-        InputRefused: x or y does not vary, or a file cannot be written.
     """
     files: dict[str, Path] = {}
     axes = axes_of(sweep, x, y)

@@ -120,9 +120,6 @@ def require_rank(option: str, metric: str, known: Sequence[str], claims: Sequenc
         option: option of the command line, shown in error messages.
         known: metrics that a run can have.
         claims: keys of the claims whose measured quantities are also allowed; see `claims_in`.
-
-    Raises:
-        InputRefused: the metric is unknown, or less of it is not better.
     """
     require_metric(option, metric, [*known, *claims])
     if not claims and _has_no_rank(metric):
@@ -542,11 +539,7 @@ class Bands:
 
 
 def bands(rows: Sequence[Row]) -> Bands | None:
-    """Compute pointwise quantiles of the runs' curves; None if no run has curves.
-
-    Raises:
-        InputRefused: the curves of a run are damaged, or have other names or lengths than earlier runs.
-    """
+    """Compute pointwise quantiles of the runs' curves; None if no run has curves."""
     # Slow to import, and few sweeps judge claims.
     from twin.studies.sweep.claims import unpack_curves
 
