@@ -28,12 +28,7 @@ PAST_DURATION = 1.0
 
 @dataclass(frozen=True)
 class Branch:
-    """One continuation of a run from a moment on, with its changes.
-
-    Attributes:
-        name: description of the change.
-        settings, faults, body: see `twin.robot.run.branch.branched_experiment`.
-    """
+    """One continuation of a run, with its changes as in `twin.robot.run.branch.branched_experiment`."""
 
     name: str
     settings: Sequence[str] = ()
@@ -59,7 +54,6 @@ class BranchOutcome:
 
     @property
     def json_values(self) -> dict[str, Any]:
-        """Outcome of a continued run as a JSON-compatible dict in SI units."""
         outcome = self.run.outcome
         return {
             "branch": self.branch.name,

@@ -39,7 +39,6 @@ class Option:
 
     Attributes:
         help: help text, one sentence.
-        metavar: placeholder of the value in the help.
         flags: additional names: "--overshoot-percent", "-j --processes", "--try/--no-try".
         least, most: bounds of a number.
         complete: source of shell completions: "experiment", "experiment name", "drive", "body", "setting" or "role".
@@ -74,7 +73,6 @@ class Study:
         isolated: whether the study steps FMUs and so runs in a separate process unless `--isolate none` is given; or
             the name of the flag that makes it step FMUs.
         limited: whether `--limit-step` and `--limit-wall` of the process are added.
-        json: whether `--json` is added.
         reported: whether `--report` writes a page of the recording named in the answer's fact `recording`.
         before: validators called with the arguments before the worker process starts, to refuse invalid input at once.
             A mapping returned by a validator is added to the answer's facts.

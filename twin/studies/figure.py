@@ -58,13 +58,7 @@ OF_PROCESS = ("backend", "interactive", "toolbar", "timezone", "date.epoch")
 
 @dataclass
 class Paper:
-    """Request to save copies of all pictures for a paper, in addition to those for the screen.
-
-    Attributes:
-        formats: "svg", "pdf".
-        columns: 1 or 2.
-        written: files written so far.
-    """
+    """Request to save all pictures for a paper, too: formats ("svg", "pdf"), columns (1 or 2), files written so far."""
 
     formats: Sequence[str]
     columns: int
@@ -130,10 +124,7 @@ def _resize_for_paper(figure: "Figure", columns: int) -> None:
 
 
 def _stack(figure: "Figure") -> int:
-    """Move a figure's side-by-side panels below each other, for narrow paper columns.
-
-    Returned is their number, or 0 if the layout does not allow it.
-    """
+    """Stack a figure's side-by-side panels for a narrow column; return their number, 0 if the layout forbids it."""
     panels = [axes for axes in figure.axes if axes.get_visible() and axes.get_subplotspec()]
     places = [axes.get_subplotspec() for axes in panels]
     whole = {place.get_gridspec() for place in places if place}
@@ -157,7 +148,6 @@ def picture(
 
     Args:
         width, height: in inches.
-        title: above all panels.
         by_hand: whether the drawing code places the panels.
         look: changes to `PICTURE_STYLE`: `BARE_STYLE` or `MAP_STYLE`.
     """

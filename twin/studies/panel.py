@@ -21,7 +21,6 @@ class PanelCurve(NamedTuple):
 
     Attributes:
         role: meaning of the curve; decides colour and line style.
-        read: reader of its samples.
         member: index of the joint or axis, 0..2, which decides the colour if the panel shows several; -1 otherwise.
         shown: whether the page shows it at first.
         level: whether it is a constant, drawn across the whole picture.

@@ -50,10 +50,7 @@ class LimitCheck:
 
     @property
     def simulated_limit(self) -> float | None:
-        """Lowest gain factor whose nudges do not die out in the co-simulation, by bisection.
-
-        None if the prediction holds or the limit was not found.
-        """
+        """Gain limit in the co-simulation, by bisection; None if the prediction holds or the limit was not found."""
         if self.holds or self.high is None or self.low is None:
             return None
         return float((self.low * self.high) ** 0.5)

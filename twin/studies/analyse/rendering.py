@@ -87,11 +87,7 @@ def z_width(shared: Linearisation, point: OperatingPoint) -> ZWidth:
 
 
 def largest_passive(least: Callable[[float], float], row: Matrix) -> float:
-    """Return the largest virtual stiffness (N/m) that is rendered passively; 0 if not even the softest is.
-
-    Args:
-        row: `least` at `VIRTUAL_STIFFNESS`.
-    """
+    """Return the largest passive stiffness (N/m), 0 if even the softest is not; `row`: least at VIRTUAL_STIFFNESS."""
     feeding = np.flatnonzero(~(row >= -ROUNDING_TOLERANCE))
     if len(feeding) == 0:
         return float(VIRTUAL_STIFFNESS[-1])

@@ -58,12 +58,10 @@ class PointStability:
 
     @property
     def least_damped_pole(self) -> Pole:
-        """The pole with the smallest damping ratio at the operating point."""
         return min(self.poles, key=lambda pole: pole.zeta)
 
     @property
     def slowest_poles(self) -> list[Pole]:
-        """The `MAX_POLES` slowest decaying poles at the operating point."""
         return self.poles[:MAX_POLES]
 
     JSON_KEYS = (
@@ -99,7 +97,6 @@ class Stability:
     Attributes:
         problems: messages about points that have no linear model.
         maps: empty if no surface is pressed.
-        checks: gain limits that were checked in the co-simulation.
     """
 
     experiment: Experiment
@@ -120,7 +117,6 @@ class Stability:
         return min(limits, key=lambda pair: pair[0])[1] if limits else None
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert the stability analysis to a JSON-compatible dict (SI)."""
         c = self.experiment.controller
         return {
             "experiment": self.experiment.name,
@@ -157,7 +153,6 @@ def stability(experiment: Experiment, tried: bool = False, say: Say = ignore_pro
 
 
 def force_loop_margins(experiment: Experiment) -> list[Margins]:
-    """Compute the margins of the force loop at each operating point in contact."""
     _refuse_other_laws(experiment)
     points = [point for point in operating_points(experiment)[0] if point.in_contact and point.force_on]
     if not points:
@@ -182,10 +177,7 @@ def _refuse_other_laws(experiment: Experiment) -> None:
 
 
 def limit_checks(shared: Linearisation, judged: list[PointStability]) -> list[LimitCheck]:
-    """Check the lowest gain limits of each law, in air and in contact, in the co-simulation.
-
-    Laws without a stabilising gain are skipped.
-    """
+    """Check the lowest gain limits of each law, in air and in contact; skip laws without a stabilising gain."""
     checks: list[LimitCheck] = []
     for law, loops in LAW_LOOPS.items():
         for in_contact in (False, True):

@@ -52,7 +52,6 @@ def margins_text(margins: Margins) -> str:
 
 
 def analysis_result(done: stability.Stability, files: Sequence[str] = ()) -> Result:
-    """Return the report of a stability analysis: verdict, sources of the numbers, written files."""
     first, *verdict = _verdict(done)
     plant = done.experiment.plant
     remarks = [
@@ -216,7 +215,6 @@ def _unbroken_note(head: str, text: str) -> Note:
 
 
 def passivity_result(done: passivity.Passivity, files: Sequence[str] = ()) -> Result:
-    """Return the report of a passivity analysis: passive points, rendered stiffness, trial, written files."""
     passive = sum(point.bands["all"] is None and point.stable for point in done.points)
     parts = [
         *([Note(_rendering_text(done.width), "  renders   ")] if done.width is not None else []),

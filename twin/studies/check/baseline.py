@@ -84,7 +84,6 @@ class StoredCurve(_Table):
 
     @property
     def curve(self) -> SampledCurve:
-        """Stored curve as a `SampledCurve` for comparison."""
         return SampledCurve(
             self.signal, self.unit, np.array(self.t_s), np.array(self.values), self.tolerance, self.dt_s
         )
@@ -140,21 +139,16 @@ def baseline_file(folder: Path, experiment: str, drive: str) -> Path:
 
 
 def stored_experiments(folder: Path) -> list[str]:
-    """Return the names of the experiments with a regression baseline in a folder."""
     return sorted({file.parent.name for file in folder.glob("*/*.toml")})
 
 
 def stored_drives(folder: Path, experiment: str) -> list[str]:
-    """Return the names of the drives with a regression baseline of an experiment in a folder."""
     files = sorted((folder / experiment).glob("*.toml")) if os.path.isdir(folder) else []
     return [read_baseline(file).drive for file in files]
 
 
 def fingerprint(experiment: Experiment) -> str:
-    """Return the hash of an experiment's values, drives included; if it differs, results may differ.
-
-    FMU files are left out, because they have hashes of their own.
-    """
+    """Return the hash of an experiment's values and drives, without FMU files, which have hashes of their own."""
     values = {key: value for key, value in experiment.values.items() if key not in _NEUTRAL_TABLES}
     for table in ("robot", "plant"):
         values[table] = {key: value for key, value in values[table].items() if key not in _REFUSAL_KEYS}
@@ -186,10 +180,7 @@ def baseline_of(
 
 
 def known_baseline(folder: Path, experiment: str, drive: str) -> Baseline | None:
-    """Read the regression baseline of an experiment with a drive; None if missing.
-
-    Drives are distinguished by their file names.
-    """
+    """Read the baseline of an experiment with a drive, distinguished by its file name; None if missing."""
     file = baseline_file(folder, experiment, drive)
     # not Path.exists, which raises for names that are too long
     if not os.path.exists(file):
@@ -204,7 +195,6 @@ def known_baseline(folder: Path, experiment: str, drive: str) -> Baseline | None
 
 
 def read_baseline(file: Path) -> Baseline:
-    """Read and validate a regression baseline file."""
     try:
         table = read_toml(file)
     except InputRefused as problem:
@@ -230,7 +220,6 @@ def baseline_text(baseline: Baseline) -> str:
 
 
 def write_baseline(file: Path, text: str) -> None:
-    """Write a regression baseline file, creating its folder."""
     make_folder(file.parent)
     write_text(file, text)
 

@@ -74,7 +74,6 @@ def check(experiment: str | Path, drive: str | None = None, baselines: str | Pat
 
 
 def measure_with_drive(file: Path, drive: str) -> tuple[Experiment, Measurement]:
-    """Run the experiment in `file` with a drive at every joint and measure it."""
     experiment = _load(file, drive)
     return experiment, measure_signals(experiment, run_for_measures(experiment))
 
@@ -131,7 +130,6 @@ class CheckOutcome:
 
     @classmethod
     def from_note(cls, note: dict[str, Any]) -> "CheckOutcome":
-        """Rebuild the outcome of a check from the dictionary that a worker process sent."""
         return TypeAdapter(cls).validate_python(note)
 
 
@@ -169,10 +167,7 @@ def pairs(
 
 
 def _file_of(name: str) -> Path:
-    """Return the file of an experiment that has a regression baseline.
-
-    A deleted file does not stop the other checks; it is reported when its pair is checked.
-    """
+    """Return the file of an experiment with a baseline; a deleted file is reported when its pair is checked."""
     here = Path(f"{name}.toml")
     return here if here.is_file() else locate_file(f"experiments/{name}.toml", Path.cwd())
 

@@ -43,13 +43,9 @@ class CheckRow:
 
 @dataclass(frozen=True)
 class TubeDeparture:
-    """A curve that leaves the tube around its baseline, at the tube's instants t (s), (n,).
+    """A curve that leaves the tube, `lower` to `upper`, around its baseline `before`, at the instants t (s), (n,).
 
     Its values are in `unit`, NaN where it has no value.
-
-    Attributes:
-        before: the baseline.
-        lower, upper: the tube around it.
     """
 
     name: str

@@ -26,7 +26,6 @@ class Coupling:
         return 1 if self.inputs == "hold" else 2
 
     def apply_to(self, experiment: Experiment, tick: float) -> Experiment:
-        """Return the experiment with this coupling at `tick` (s)."""
         return with_cosim(experiment, tick=tick, scheme=self.scheme, inputs=self.inputs, iterations=self.iterations)
 
 

@@ -70,10 +70,7 @@ class ComponentStepper:
     def outputs_by_port(
         self, u: NDArray[np.float64] | Mapping[str, NDArray[np.float64]], t: float = 0.0, h: float = 2e-3
     ) -> dict[str, NDArray[np.float64]]:
-        """Step the component once and return its outputs by port.
-
-        A mapping may have other entries.
-        """
+        """Step the component once and return its outputs by port; a mapping may have other entries."""
         if isinstance(u, Mapping):
             u = np.concatenate([np.atleast_1d(u[port.name]) for port in self.component.inputs])
         y = self(u, t, h)
@@ -159,10 +156,7 @@ def servos(plans: tuple[DrivePlan, ...]) -> Servos | None:
 
 
 def has_monolithic_form(experiment: Experiment) -> bool:
-    """Whether an experiment can be run as one differential equation.
-
-    It must have no motion, change, delay, noise, monitor or dry friction.
-    """
+    """Whether the experiment has no motion, change, delay, noise, monitor or friction, so that one equation serves."""
     return not (
         experiment.tasks
         or experiment.faults
@@ -222,10 +216,7 @@ def monolithic_rows(
 
 
 def within_limits(rows: dict[str, NDArray[np.float64]], drives: Servos) -> bool:
-    """Whether the servos of a run stayed within the validity limits of their equations.
-
-    Acceleration and torque are largest there: between two commands a servo only relaxes.
-    """
+    """Whether the servos kept their limits at each command, after which a servo only relaxes."""
     lag = rows["omega_ref"] - drives.droop * rows["plant.tau_load"] - rows["omega_m"]
     alpha = np.abs(np.divide(lag, drives.T_m, out=np.zeros_like(lag), where=drives.T_m > 0.0))
     tau_motor = np.abs(rows["plant.tau_load"]) + drives.J_m * alpha

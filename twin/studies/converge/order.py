@@ -26,10 +26,7 @@ class OrderFinding(StrEnum):
 
 @dataclass(frozen=True)
 class Order:
-    """Observed order of convergence p in error = C tick^p.
-
-    `slope` is None if it is meaningless, and `finding` has the reason.
-    """
+    """Observed order of convergence p in error = C tick^p; if meaningless, `slope` is None, `finding` the reason."""
 
     slope: float | None
     finding: OrderFinding

@@ -25,7 +25,6 @@ class ReferenceRun:
 
     @property
     def is_pressing(self) -> bool:
-        """Whether the robot ever presses in the reference run."""
         return bool(np.any(self.samples[FORCE_SIGNAL.name]))
 
 

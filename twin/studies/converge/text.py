@@ -28,7 +28,6 @@ ORDER_REMARKS = {
 
 
 def convergence_result(study: CouplingStudy, files: dict[str, str]) -> Result:
-    """Return the report of a coupling study."""
     headline, *others = _headline(study)
     parts: list[Block] = [
         *others,

@@ -38,8 +38,7 @@ TRIAL_JOB = "twin.studies.falsify.judge:judge_run"
 
 @functools.cache
 def _runs(signals: frozenset[str], most: int) -> Runs:
-    """Return this process's runner of experiments, which keeps `signals`; a past shared by runs is simulated on its
-    second request."""
+    """Return this process's runner that keeps `signals`; a past shared by runs is simulated on its second request."""
     return Runs(RunRequest(signals, check=refuse_unknown), after=1, most=most)
 
 
@@ -49,8 +48,7 @@ def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: st
     A failed component ends the run; requirements are judged until then.
 
     Args:
-        path, drive: unused; the experiment file states both.
-        claims: unused.
+        path, drive, claims: unused; the experiment file states path and drive.
 
     Returns:
         The distances, and "trip", the tick of the trip or None; without faults also "onsets": ticks in contact
@@ -85,8 +83,7 @@ def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: st
 
 
 class Judge:
-    """Judge of faults: it makes runs, and returns their distances from a violation as shares of the healthy distance on
-    the same body."""
+    """Judge of faults: runs them, and returns their distances from a violation as shares of the healthy distance."""
 
     def __init__(
         self,
@@ -151,8 +148,7 @@ class Judge:
         return shares
 
     def _without_fault(self, wrong: TriedFault) -> str:
-        """Run the healthy robot at the place of a fault, and return the reason why the place is unsuitable: it
-        violates, trips or fails; "" if suitable."""
+        """Run the healthy robot at the place of a fault; return why the place is unsuitable, "" if suitable."""
         unbroken = TriedFault("", body=wrong.body, offset=wrong.offset)
         if unbroken not in self._moved:
             (facts,) = self._run_batch([unbroken])
@@ -167,8 +163,7 @@ class Judge:
         return math.inf if value is None else value
 
     def trip(self, wrong: TriedFault) -> int:
-        """Return the tick for delaying the second fault of an ordered pair: the trip that the first fault causes, or
-        its onset without a trip."""
+        """Return the tick for delaying an ordered pair's second fault: the first one's trip, else its onset."""
         return self._trips[self._space.first_alone(wrong)] if SEQUENCE_SEPARATOR in wrong.kind else 0
 
     def _run_batch(self, batch: Sequence[TriedFault]) -> list[dict]:

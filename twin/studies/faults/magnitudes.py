@@ -95,8 +95,7 @@ def magnitude_between(kind: str, share: float, tick: float, slowest: float | Non
 
 
 def share_of(kind: str, magnitude: float | None, slowest: float | None = None) -> float:
-    """Convert a fault's magnitude to its share of the kind's range, the inverse of `magnitude_between`; 0 for kinds
-    without a magnitude."""
+    """Convert a magnitude to its share of the kind's range, the inverse of `magnitude_between`; 0 without one."""
     known = FAULT_KINDS[kind]
     if known.magnitudes is None or magnitude is None:
         return 0.0

@@ -24,7 +24,6 @@ class FaultRow:
     """Row of the fault matrix: a fault, and the reactions to it.
 
     Attributes:
-        kind, target: kind and target of the fault.
         magnitude: magnitude in the catalogue's unit; None for kinds without one.
         onset: onset (s).
         in_contact: whether the healthy robot touches the body at the onset.
@@ -114,7 +113,6 @@ class FaultRow:
         return not self.fails and not (FAULT_KINDS[self.kind].detection == "no" and self.is_in_time)
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert the row of the fault matrix to JSON: keys with units, and the judgements."""
         return {
             "kind": self.kind,
             "target": self.target,
@@ -177,7 +175,6 @@ def matrix_rows(stage: Stage, cases: Sequence[Case]) -> Iterator[FaultRow]:
 
 
 def _ideal_peak(stage: Stage, fault: Fault, watched: Outcome, limit: float) -> float:
-    """Compute the largest force (N) with an ideal monitor: all power is cut when the true force of the run `watched`
-    reaches `limit` (N)."""
+    """Compute the largest force (N) if power is cut when the true force of the run `watched` reaches `limit` (N)."""
     at = fault.onset + int(np.argmax(true_force(watched)[fault.onset :] >= limit))
     return stage.reaction((fault, Fault("power_off", "power", at))).peak

@@ -29,12 +29,7 @@ def offsets(reach: float) -> tuple[tuple[float, float], ...]:
 
 
 def moved_tasks(tasks: Sequence[Any], offset: tuple[float, float]) -> dict[str, dict[str, list[float]]]:
-    """Compute the changed keys that move each [[task]] by an offset, as task number -> keys and values.
-
-    Args:
-        tasks: tasks of an experiment.
-        offset: x, y (m).
-    """
+    """Compute the keys that move each [[task]] by `offset` (x, y in m), as task number -> keys and values."""
 
     def moved(point: Sequence[float]) -> list[float]:
         return [float(f"{1e3 * (a + b):.9g}") for a, b in zip(point, offset, strict=True)]

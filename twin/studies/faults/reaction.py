@@ -64,7 +64,6 @@ class Reaction:
     digest: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert the reaction to a fault to JSON; keys end with their units, as in `peak_N`."""
         units = {"seen": "s", "acted": "s", "power_off": "s", "below": "s", "peak": "N", "impulse": "N_s"}
         units |= {"energy": "J", "left": "N"}
         left_out = ("peak_delay", "above", "end")

@@ -64,7 +64,6 @@ class Stage:
 
     @cached_property
     def healthy(self) -> Outcome:
-        """Healthy run of the stage, without any fault."""
         return checked_healthy_run(self.experiment)
 
     @cached_property
@@ -142,13 +141,7 @@ def load_stage(
     onsets: Sequence[float] = (),
     share: bool = True,
 ) -> Stage:
-    """Load an experiment on `body` with its tasks moved by `offset` (m), and run it once without faults.
-
-    Args:
-        body: name of the body; None for the experiment's own.
-        onsets: onsets of faults (s); default: in free motion and in contact.
-        share: see `Stage`.
-    """
+    """Load an experiment on `body` with its tasks moved by `offset` (m), and run it once healthy; see `Stage`."""
     experiment = load_experiment(path, settings, drive, body)
     moved = moved_settings(experiment, offset)
     if moved:

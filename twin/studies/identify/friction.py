@@ -25,7 +25,6 @@ def friction(springs: Fit, seen: Windows, belief: Belief) -> Estimate | None:
     Args:
         springs: identified springs, whose uncertainty is included.
         seen: windows in order of time.
-        belief: geometry, masses, N.
     """
     at = pose(belief, seen.joint - springs.x[JOINT_ZERO : JOINT_ZERO + 3])
     v = np.linalg.solve(at.J, seen.speed[..., None])[..., 0]

@@ -54,13 +54,9 @@ class Identification:
     """Result of the identification of a robot.
 
     Attributes:
-        model: belief about the robot.
-        fit: fit of the springs and the scale.
         seen: all windows of slow motion.
-        quantities: quantities by name.
         one_pose: the paper's procedure on the same log; None without a gradual press.
         inseparable: groups of unknowns that this log cannot separate.
-        notes: sentences on the log.
     """
 
     model: RobotModel
@@ -85,11 +81,7 @@ class Identification:
         return self.quantities["k_s"].found is not None
 
     def estimate(self, name: str) -> Estimate:
-        """Return the estimate of an identified quantity by its name.
-
-        Raises:
-            KeyError: it is not determined.
-        """
+        """Return the estimate of an identified quantity; raise KeyError if it is not determined."""
         found = self.quantities[name].found
         if found is None:
             raise KeyError(name)
@@ -102,11 +94,8 @@ def identify_log(
     """Identify springs, zeros, backlash, friction and scale of a robot from a log with encoders and scale.
 
     Args:
-        log: log of `read_log`.
-        model: believed geometry, masses, N and counts.
         height: measured height of a level scale (m), which makes the joints' zeros exact; None if unknown.
         motor_torque: whether drive/n.tau_motor is a measured torque.
-        say: receives the progress.
 
     Raises:
         LogError: signals are missing, in wrong units or of the wrong sign.

@@ -18,7 +18,6 @@ def spring_stiffness(springs: Fit, belief: Belief, log: Log) -> Estimate | None:
 
     Args:
         springs: identified springs, whose uncertainty is included.
-        belief: belief with N.
     """
     seen = springs.seen
     torque = np.stack([_mean(log, f"drive/{i}.tau_motor", seen) for i in (1, 2, 3)], axis=1).ravel()
@@ -39,7 +38,6 @@ def spring_stiffness(springs: Fit, belief: Belief, log: Log) -> Estimate | None:
 
 
 def _mean(log: Log, name: str, seen: Windows) -> NDArray[np.float64]:
-    """Compute the mean of a motor's torque in each window."""
     if name not in log.series:
         raise LogError(
             f"{log.path}: '{name}' is not there; --motor-torque needs the torques of all three motors: choose with "

@@ -56,7 +56,6 @@ def one_pose(seen: Windows, belief: Belief, x: NDArray[np.float64]) -> OnePose |
 
     Args:
         seen: windows in order of time.
-        belief: belief about the robot.
         x: identified parameters.
     """
     press = _press(seen, belief)

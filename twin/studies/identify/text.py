@@ -118,7 +118,6 @@ def _row(name: str, quantity: Quantity, true: Mapping[str, float]) -> list[str]:
 
 
 def _unknown(one: Identification) -> list[str]:
-    """Describe the undetermined quantities of an identification."""
     reasons = []
     if not one.separates_eta:
         loss = (
@@ -211,9 +210,7 @@ def identification_facts(one: Identification, log: str, true: Mapping[str, float
 
 
 def model_fragment(one: Identification, log: str) -> str:
-    """Create the TOML tables [controller] and [controller.model] with the determined values only; log: name of the
-    file.
-    """
+    """Create the TOML tables [controller] and [controller.model] with the determined values only; `log`: file name."""
     belief, q = one.model.belief, one.quantities
     k = one.estimate("k_s_eta")
     d = decimals(k)
@@ -254,7 +251,6 @@ def _width(found: Sequence[Estimate | None]) -> str:
 
 
 def draw_identification(one: Identification, name: str, path: Path) -> None:
-    """Draw the results of an identification to `path` (PNG)."""
     k = one.estimate("k_s_eta")
     with picture(path, 11, 8, f"{name}: k_s eta = {k.value:.4f} +- {k.half_width:.4f} N m/rad") as figure:
         draws = (_draw_force, _draw_air, _draw_depth, _draw_paper)
@@ -263,7 +259,6 @@ def draw_identification(one: Identification, name: str, path: Path) -> None:
 
 
 def _of_kind(one: Identification, kind: int) -> tuple[np.ndarray, np.ndarray]:
-    """Select the residuals of the equations of one kind, and their windows."""
     rows = one.fit.rows
     return rows.residual[rows.kind == kind], rows.window[rows.kind == kind]
 

@@ -82,7 +82,6 @@ def windows(log: RobotSamples, belief: Belief) -> Windows:
 
     Args:
         log: samples with a measured force.
-        belief: counts per turn and N.
 
     Raises:
         LogError: no force was measured, or never at the time of the encoders.

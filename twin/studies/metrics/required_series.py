@@ -20,5 +20,4 @@ FIG5_SERIES = ("plant.p_B", "plant.v_B", "plant.F_ee_B", "controller.task", "con
 
 
 def missing_series(series: Iterable[str], fields: Container[str]) -> list[str]:
-    """List the required series that are missing in `fields`, the recorded ones."""
     return [name for name in series if name not in fields]

@@ -53,7 +53,6 @@ class Difference:
     """Difference of a measure between two candidates, over paired runs.
 
     Attributes:
-        measure: row of the table.
         mean: mean of candidate minus reference, SI.
         half_width: half width of its 95 % interval, SI.
         agreeing, runs: number of runs whose difference has the sign of the mean, and number of runs.
@@ -83,7 +82,6 @@ class Difference:
 
     @property
     def json_values(self) -> dict[str, Any]:
-        """Return the difference of a measure for JSON: mean, interval and rank, SI."""
         return {
             "mean": self.mean,
             "half_width": self.half_width,

@@ -85,7 +85,6 @@ class ClaimFinding:
 
     @property
     def bounds_text(self) -> str:
-        """Bounds of the judged claim as text."""
         return self.claim.bounds_text
 
 
@@ -126,17 +125,14 @@ def finding_to_dict(finding: ClaimFinding) -> dict[str, object]:
 
 
 def failed_keys(findings: Iterable[ClaimFinding]) -> list[str]:
-    """Return the keys of the paper's claims that fail."""
     return keys_with_verdict(findings, "fails")
 
 
 def keys_with_verdict(findings: Iterable[ClaimFinding], verdict: Verdict) -> list[str]:
-    """Return the keys of the paper's claims with a given verdict."""
     return [f.claim.key for f in findings if f.verdict == verdict]
 
 
 def unscored_keys(findings: Iterable[ClaimFinding]) -> list[str]:
-    """Return the keys of the paper's claims that cannot be scored because the runs lack a series."""
     return keys_with_verdict(findings, "not scored")
 
 

@@ -272,21 +272,17 @@ class Fig4Score:
 
     @property
     def not_reproduced_keys(self) -> list[str]:
-        """Keys of the claims of Fig. 4 that do not hold, as is known."""
         return keys_with_verdict((*self.claims, *self.quality), "not reproduced")
 
     @property
     def reproduced_keys(self) -> list[str]:
-        """Keys of the claims of Fig. 4 that hold although they were known not to."""
         return keys_with_verdict((*self.claims, *self.quality), "reproduced after all")
 
     @property
     def unscored_keys(self) -> list[str]:
-        """Keys of the claims of Fig. 4 that cannot be scored."""
         return unscored_keys((*self.claims, *self.quality))
 
     def to_dict(self) -> dict[str, object]:
-        """Convert the score on Fig. 4 to a JSON-compatible dict."""
         held, judged = tally(self.claims)
         return {
             "figure": "4",
@@ -305,7 +301,6 @@ class Fig4Score:
 
 
 def fig4_score(runs: Fig4Runs) -> Fig4Score:
-    """Judge every claim of Fig. 4 on its runs."""
     return Fig4Score(
         claims=tuple(judge_claim(claim, runs) for claim in FIG4_CLAIMS),
         quality=tuple(judge_claim(claim, runs) for claim in QUALITY_CLAIMS),

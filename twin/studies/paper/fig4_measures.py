@@ -244,10 +244,7 @@ def _ratio(a: float, b: float) -> float:
 
 
 def end_error(runs: Fig4Runs) -> float:
-    """Measure the largest distance of the platform from the ends of the sweep, before and after it (m).
-
-    Both runs count.
-    """
+    """Measure the platform's largest distance from the ends of the sweep, before and after it, over both runs (m)."""
     missed = [
         abs(float(np.mean(run.p_B[run.controller_window(*window), 1])) - end)
         for run in (runs.force_position, runs.position)

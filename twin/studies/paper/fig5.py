@@ -194,9 +194,6 @@ class TaskScore:
     """Score of one massage task on the claims of Fig. 5.
 
     Attributes:
-        path: recording of the run.
-        run: the task's curves.
-        drive, body: names.
         name: name of the task within the run, e.g. `push 2`.
         manner: text of the requested values.
         findings: in the order of the claims.
@@ -215,7 +212,6 @@ class TaskScore:
         return self.run.task.kind
 
     def to_dict(self) -> dict[str, object]:
-        """Convert the score of a task to a JSON-compatible dict."""
         return {
             "recording": str(self.path),
             "drive": self.drive,
@@ -250,7 +246,6 @@ class Fig5Score:
         return list(dict.fromkeys(failed_keys(self.findings)))
 
     def to_dict(self) -> dict[str, object]:
-        """Convert the score on Fig. 5 to a JSON-compatible dict."""
         return {
             "figure": "5",
             "failed": self.failed_keys,

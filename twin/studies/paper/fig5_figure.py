@@ -48,10 +48,7 @@ SHOWN_TAPS = 3
 
 
 def draw_fig5(score: Fig5Score, path: Path) -> None:
-    """Draw Fig. 5 from runs of massage tasks to `path` (PNG), a column per task.
-
-    A series that a run lacks is left out.
-    """
+    """Draw Fig. 5 to `path` (PNG), a column per task; a series that a run lacks is left out."""
     shown = shown_tasks(score)
     width = COLUMN_WIDTH * len(shown) + 0.6
     with picture(path, width, 9.6, by_hand=True) as figure:
@@ -187,16 +184,11 @@ def seen_part(run: TaskRun) -> slice:
 
 
 def bound_of(key: str) -> Claim:
-    """Return the claim of Fig. 5 with the given key, for its bounds."""
     return next(claim for claims in TASK_CLAIMS.values() for claim in claims if claim.key == key)
 
 
 def draw_in_space(axes: "Axes3D", run: TaskRun, floor: float) -> None:
-    """Draw the spatial path of a massage task into `axes`.
-
-    Args:
-        floor: lowest height of all panels (m).
-    """
+    """Draw the spatial path of a massage task into `axes` above `floor`, the lowest height of all panels (m)."""
     bottom = 1e3 * floor - BOX_MARGIN
     # drawn in source order: matplotlib's own depth sorting hides traces within the surface
     axes.computed_zorder = False
@@ -229,7 +221,6 @@ def _height(run: TaskRun) -> float:
 
 
 def _draw_box(axes: "Axes3D", bottom: float) -> None:
-    """Draw the twelve edges of the box around a spatial path."""
     corners = np.array(
         list(product((-BOX_HALF_WIDTH, BOX_HALF_WIDTH), (-BOX_HALF_WIDTH, BOX_HALF_WIDTH), (bottom, BOX_TOP)))
     )

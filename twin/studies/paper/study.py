@@ -49,7 +49,6 @@ def fig4_result(score: Fig4Score) -> Result:
 
 
 def fig5_result(score: fig5.Fig5Score) -> Result:
-    """Return the report on Fig. 5: every claim of every task; for many runs a table and the failures."""
     held, judged = tally(score.findings)
     lines: list[Block] = [_two_columns("Fig. 5", f"{held} of {judged} {PAPER_CLAIMS} hold")]
     runs = {task.path for task in score.tasks}

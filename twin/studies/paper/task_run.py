@@ -74,7 +74,6 @@ class TaskRun:
         return self.controller_series("phase").astype(np.int64)
 
     def phase_mask(self, kind: PhaseKind) -> Mask:
-        """Return the mask of the task's samples in a phase."""
         return self.phase == kind
 
     @cached_property
@@ -117,7 +116,6 @@ class TaskRun:
 
     @property
     def has_monitor(self) -> bool:
-        """Whether the run had a safety monitor."""
         return "monitor.tripped" in self.recording.fields()
 
     @cached_property

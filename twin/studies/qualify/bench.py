@@ -56,13 +56,7 @@ MAX_MOTION = 1e9
 
 
 def variables_text(parts: "Mapping[str, FmuDescription | EnclosedSystem]") -> str:
-    """List the inputs and outputs of each FMU of a drive as text.
-
-    Local variables are listed, too, if no output can be the shaft's angle.
-
-    Args:
-        parts: part name -> FMU; "" for a single FMU.
-    """
+    """List each FMU's inputs and outputs, and its locals if no output can be the angle; part "" is a single FMU."""
     blocks: list[Block] = []
     for part, fmu in parts.items():
         for causality, variables in _variables_by_causality(fmu).items():
@@ -104,7 +98,6 @@ class Response:
     """Response of a drive on the bench, one sample per tick, all (ticks,).
 
     Attributes:
-        t: time (s).
         omega_ref, omega_m: commanded and actual motor speed (rad/s).
         tau_load: load (N m).
         theta_m: motor angle (rad).
@@ -123,10 +116,7 @@ class Response:
         return slice(round(start / TICK), round(end / TICK))
 
     def mean_speed(self, start: float, end: float) -> float:
-        """Return the drive's mean speed (rad/s) in start <= t < end (s).
-
-        It is the slope of a line through the angle, which averages ripple.
-        """
+        """Return the mean speed (rad/s) in start <= t < end (s), by a line through the angle, averaging ripple."""
         part = self.window(start, end)
         t = self.t[part] - np.mean(self.t[part])
         return float(t @ (self.theta_m[part] - self.theta_m[part.start]) / (t @ t))
@@ -248,11 +238,9 @@ class Inputs:
     u: NDArray[np.float64]
 
     def first(self, count: int) -> "Inputs":
-        """Return the first `count` samples of the inputs."""
         return replace(self, t=self.t[:count], u=self.u[:count])
 
     def skip(self, count: int) -> "Inputs":
-        """Return all but the first `count` samples of the inputs."""
         return replace(self, t=self.t[count:], u=self.u[count:])
 
     def nudge(self) -> "Inputs":
@@ -277,11 +265,7 @@ class PartCalls:
 
 
 def inputs_for(part: ThirdPartyPart, run: Trace, experiment: Experiment, period: int) -> Inputs:
-    """Return the inputs that a robot part would have received in a recorded run.
-
-    Args:
-        period: period of the part, in ticks.
-    """
+    """Return the inputs that a part called every `period` (ticks) would have received in a recorded run."""
     (row,) = [row for row in COMPONENT_ROWS if row.name == part.role]
     ticks = np.arange(0, experiment.duration_ticks + 1, period)
     columns = [np.zeros((len(ticks), 0))]

@@ -66,9 +66,7 @@ COMPARED_MEASURES = {
     "energy": Definition("energy", "J", "electrical energy the three drives draw, if they have an output for power"),
     "cost": Definition("cost", "s", "wall time in the step functions of the three drives, per tick"),
 }  # fmt: skip
-"""Measures under `measures` in JSON, as defined in 1.0; the intervals differ from the common table of measures. They
-need no held force, and continue after a trip of the safety monitor.
-"""
+"""Measures under `measures` in JSON as in 1.0; they need no held force, and continue after a trip of the monitor."""
 FREE_RUN_MEASURES = ("settling_time", "overshoot", "rms_force_error", "rms_z_error")
 """Measures shown in the text if no drive holds a force."""
 DRIVE_COLORS = (BLUE, ORANGE, GREEN, PINK, SKY, VERMILION, "#6a3d9a", INK)
@@ -96,11 +94,7 @@ class TrueRun:
         self.z_ref: Curve = run.held("controller.p_cmd_B" if self._tasks else "controller.p_ref_B")[:, 2]
 
     def measures(self, cost: float) -> tuple[Measure, ...]:
-        """Compute all measures for the comparison of drives.
-
-        Args:
-            cost: wall time in the drives per tick (s).
-        """
+        """Compute all measures for the comparison of drives; `cost`: wall time in the drives per tick (s)."""
         late = np.arange(len(self.t)) >= len(self.t) // 2
         pressing = np.isin(self.run.held("controller.phase"), UNDER_FORCE) if self._tasks else late
         touching = bool(np.any(self.F_z[pressing] > 0.0))
@@ -173,8 +167,6 @@ class DriveTrial:
     Attributes:
         name: name of the drive, as typed.
         run: true signals, up to the failure if there was one.
-        measures: all of `COMPARED_MEASURES`.
-        values: measures of the run.
         failure: error that ended the run early; empty if it completed.
         repeats: measures of the paired runs, in the order of `PAIRED_SEEDS`; empty if one of them failed or tripped.
         unjudged: reason why the drive is not judged; empty if it is.
@@ -191,12 +183,7 @@ class DriveTrial:
 
 @dataclass(frozen=True)
 class DriveTrials:
-    """Results of all compared drives in one experiment.
-
-    Attributes:
-        name: name of the experiment.
-        trials: results, one per drive.
-    """
+    """Results of all compared drives in one experiment."""
 
     name: str
     trials: tuple[DriveTrial, ...]
@@ -216,13 +203,7 @@ def trials(
     body: str | None = None,
     say: Say = ignore_progress,
 ) -> tuple[DriveTrials, ...]:
-    """Run each experiment with each of the drives in all three joints, for comparison.
-
-    Args:
-        experiments: experiment files.
-        drives: drives, see `load_experiment`.
-        settings, body: settings and body of all experiments, see `load_experiment`.
-    """
+    """Run each experiment with each of the drives in all three joints, for comparison."""
     loaded = [[load_experiment(path, settings, drive, body) for drive in drives] for path in experiments]
     for one in (one for row in loaded for one in row):
         assemble(one).close()
@@ -242,10 +223,7 @@ def trials(
 
 
 def verdict(compared: Sequence[DriveTrials]) -> list[str]:
-    """Return the verdict of a comparison of drives: a sentence per drive, except the first, over all experiments.
-
-    A drive that is not judged gets a sentence, too.
-    """
+    """Return the verdict of a comparison over all experiments: a sentence per drive except the first, judged or not."""
     first = compared[0].trials[0].name
     by_drive: dict[str, list[Ranks]] = {}
     for one in compared:
@@ -341,10 +319,7 @@ def _trial(experiment: Experiment, name: str) -> DriveTrial:
 
 
 def draw_drive_compare(trials: Sequence[DriveTrial], title: str, path: Path) -> None:
-    """Draw the compared drives' force or height, its approach and its errors to `path` (PNG).
-
-    The controlled quantity is the true pressing force if the robot touches anything, else the true z.
-    """
+    """Draw force (height if the robot touches nothing), approach and errors of the compared drives to `path` (PNG)."""
     with picture(path, 11, 7.5, title) as figure:
         (whole, start), (z_error, late) = figure.subplots(2, 2)
         runs = [trial.run for trial in trials]

@@ -77,7 +77,6 @@ class Workload:
     """Progress counter of the ticks of a drive's qualification.
 
     Args:
-        label: name of the drive.
         sure: whether a check of more than an hour is confirmed.
     """
 
@@ -194,7 +193,6 @@ class Measure:
     """Result of one measurement of a drive.
 
     Attributes:
-        name: key in `MEASURE_DEFINITIONS`.
         value: value in the unit of the definition; None if it cannot be measured.
         remark: reason for a missing value, or a remark on the value.
     """

@@ -154,7 +154,6 @@ def _start(v: "Variable") -> str:
 
 
 def _solver_lines(plan: "DrivePlan", part: str) -> list[str]:
-    """Return the lines on the solver of a part, if it is known or could be chosen."""
     fmu, solver = plan.parts[part], plan.solver(part)
     if solver is None:
         if plan.system is not None:
@@ -173,8 +172,6 @@ class ListedDrive(NamedTuple):
         name: name of the folder, as accepted by `--drive`.
         kind: "servo" (takes a speed), "motor" (twin's velocity loop commands it), "parts" (several FMUs); "" if the
             drive does not fit.
-        command: commanded quantity.
-        fmi: FMI versions.
         description: description of the FMU, one line.
         problem: reason why the drive does not fit; empty if it does.
     """
@@ -188,16 +185,7 @@ class ListedDrive(NamedTuple):
 
 
 def listed_drives(start: Path) -> tuple[ListedDrive, ...]:
-    """List all drives in the folder fmus/, sorted by name, with kind, command and FMI versions.
-
-    A drive that does not fit the robot is listed with the reason.
-
-    Args:
-        start: folder from which fmus/ is searched upwards.
-
-    Raises:
-        InputRefused: fmus/ does not exist.
-    """
+    """List all drives in the folder fmus/ above `start` by name, with the reason for each unfit one; refuse if missing."""
     shelf = locate_file(DRIVES_FOLDER, start)
     if not shelf.is_dir():
         raise InputRefused(f"{shelf}: no such folder; run this in the project's folder, or name a drive by its path")

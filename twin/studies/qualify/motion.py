@@ -89,11 +89,7 @@ HALF_POWER = 1.0 / np.sqrt(2.0)
 
 
 def direction_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
-    """Check a drive's direction, scale and rate; measure its speed and no-load speed.
-
-    Args:
-        cycle: response to the work cycle.
-    """
+    """Check a drive's direction, scale and rate; measure its speed and no-load speed."""
     back = response(plan, *work_cycle(speed=-SPEED_IN_USE, end=LOAD_TIME))
     fast = response(plan, *work_cycle(speed=SPEED_LIMIT, end=LOAD_TIME))
     window = (LOAD_TIME - AVERAGE_TIME, LOAD_TIME)
@@ -123,11 +119,7 @@ def direction_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
 
 
 def load_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
-    """Check a drive's response to load, and measure its droop.
-
-    Args:
-        cycle: response to the work cycle.
-    """
+    """Check a drive's response to load, and measure its droop."""
     free = response(plan, *work_cycle(load=0.0))
     first = round(LOAD_TIME / TICK)
     behind = (free.theta_m - cycle.theta_m)[first : first + round(LOAD_WINDOW / TICK)]
@@ -188,11 +180,7 @@ def overload(plan: DrivePlan) -> Response:
 
 
 def stall_torque(plan: DrivePlan, done: Response) -> Measure:
-    """Measure a drive's stall torque.
-
-    Args:
-        done: response to `overload`.
-    """
+    """Measure a drive's stall torque."""
     if not _is_stall(done.theta_m):
         return Measure("stall_torque", None, f"more than {MAX_LOAD:g} N m")
     found = ramped_torque(done)
@@ -254,11 +242,7 @@ def _is_stall(theta_m: Curve) -> bool:
 
 
 def repetition_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
-    """Check whether a drive repeats its response bit by bit, and measure its computing cost.
-
-    Args:
-        cycle: response to the work cycle.
-    """
+    """Check whether a drive repeats its response bit by bit, and measure its computing cost."""
     again = [response(plan, *work_cycle()) for _ in range(2)]
     differs = (cycle.theta_m != again[0].theta_m) | (cycle.omega_m != again[0].omega_m)
     sentence = f"bit for bit over {len(cycle.t)} steps"
@@ -276,9 +260,6 @@ def step_error(plan: DrivePlan, cycle: Response) -> Measure:
 
     Fixed steps of twin's own solver are halved too. Another run uses a tighter solver tolerance, whose error finer
     steps cannot reduce.
-
-    Args:
-        cycle: response to the work cycle.
     """
     steps, _ = rates(plan.label, plan.table, TICK)
     parts = {name: part.model_copy(update=_half_step(part)) for name, part in plan.table.parts.items()}
@@ -351,8 +332,6 @@ def bandwidth(frequencies: Curve, gain: Curve, steady_gain: float) -> Measure:
     The reference value is that at the lowest frequency.
 
     Args:
-        frequencies: frequencies (Hz), ascending (n,).
-        gain: amplitude ratios (n,).
         steady_gain: static speed over command, for a drive too slow for the lowest frequency.
     """
     if gain[0] < HALF_POWER * abs(steady_gain):

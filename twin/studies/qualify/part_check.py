@@ -61,7 +61,6 @@ def assess_part(
     """Call a third-party part with the inputs that it would have received in a run, and check it.
 
     Args:
-        experiment: experiment of the run.
         period: period of the part, in ticks.
         own: whether the run used twin's own component in this role.
     """
@@ -87,10 +86,7 @@ def assess_part(
 
 @dataclass(frozen=True)
 class _Bench:
-    """Provider of a new part instance for each check, created after the last one is freed.
-
-    Some parts allow only one instance.
-    """
+    """Provider of a new part instance per check, created after the last one is freed: some parts allow only one."""
 
     part: ThirdPartyPart
     experiment: Experiment
@@ -206,7 +202,6 @@ def part_check(
     Exit code 1: the part does not fit.
 
     Args:
-        role: role of the part in the robot, one of `ROLE_CONTRACTS`.
         part: FMU, mapping, folder with one, or FILE:CLASS; None for the part named in the experiment.
         experiment: file or name of the experiment. Its run with twin's own part provides the inputs; if `part` is None,
             a run with the part named in the experiment.
@@ -248,16 +243,12 @@ def contracts() -> Result:
 
 
 def _absolute(part: str) -> str:
-    """Return the path of a part as an absolute path if it exists.
-
-    An experiment resolves relative paths from its own folder.
-    """
+    """Return a part's path, if it exists, as absolute, because an experiment resolves it from its own folder."""
     file, colon, name = part.rpartition(":") if ".py:" in part else (part, "", "")
     return f"{Path(file).absolute()}{colon}{name}" if os.path.exists(file) else part
 
 
 def part_result(done: PartAssessment) -> Result:
-    """Return the report of a third-party part's check."""
     part, label = done.part, done.part.label
     units = {port.name: port.unit for port in part.outputs}
     rows = [
@@ -281,7 +272,6 @@ def _difference(apart: float, unit: str) -> str:
 
 
 def component_facts(done: PartAssessment) -> dict[str, object]:
-    """Convert the check of a third-party part to a dictionary for JSON, SI."""
     part = done.part
     return {
         "role": part.role,

@@ -78,7 +78,6 @@ def interpret_variables(file: str, variables: Mapping[str, Variable]) -> tuple[C
 
     Args:
         file: name of the drive in error messages.
-        variables: variables by their user-visible names.
     """
     fitting: list[Command] = []
     for command in COMMAND_ROLES:
@@ -115,10 +114,7 @@ def _table(variables: Mapping[str, Variable], found: RoleChoice, roles: Sequence
 
 
 def _doubtful_lines(variables: Mapping[str, Variable], found: RoleChoice, role: Role) -> list[str]:
-    """Return the lines of a mapping.toml for a role without a clear variable.
-
-    The only candidate is a line, several are comments; nothing for an optional role.
-    """
+    """Return a role's lines without a clear variable: the only candidate, several as comments, nothing if optional."""
     if not role.required:
         return []
     offered = candidates(variables, role, found.chosen.values())
@@ -160,8 +156,6 @@ def parts_proposal(
     """Return (text of a mapping.toml for a drive of several FMUs, whether it is complete).
 
     Args:
-        parts: part name -> FMU.
-        folder: folder of the mapping.toml.
         connections: known connections; None to propose them.
     """
     variables = {qualified_name(part, v.name): v for part, fmu in parts.items() for v in fmu.variables.values()}
@@ -309,10 +303,7 @@ def _write_fmu(fmu: Path, content: bytes) -> None:
 
 
 def _own_copy(fmu: Path) -> Path:
-    """Return the path of an FMU; for an FMU of an installation, the path of a copy in the current folder.
-
-    An installation must not be changed.
-    """
+    """Return the path of an FMU; for an FMU of an installation, the path of a copy in the current folder."""
     if not fmu.is_relative_to(WHEEL_FOLDER):
         return fmu
     copy = Path.cwd() / fmu.stem / fmu.name

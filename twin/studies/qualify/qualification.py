@@ -225,7 +225,6 @@ class Qualification:
 
     Attributes:
         checks, measures: all checks of `CHECK_MEANINGS` that could be made, and all measures of `MEASURE_DEFINITIONS`.
-        curves: curves behind the findings.
         doubts: sentences on measures that suggest another unit of the load.
     """
 
@@ -245,7 +244,6 @@ class Qualification:
         return next(measure.value for measure in self.measures if measure.name == name)
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert a drive's qualification to a dictionary for JSON, without the curves; SI units."""
         return {
             "drive": self.plan.label,
             **({"sha256": self.plan.system.sha256} if self.plan.system else {}),
@@ -332,10 +330,7 @@ def _unit_doubts(done: Qualification) -> Iterator[str]:
 
 
 class Attempts:
-    """Collector of a qualification's findings and failures.
-
-    A drive that fails in one run is still tried in the next.
-    """
+    """Collector of a qualification's findings and failures; a drive that fails in one run is tried in the next."""
 
     def __init__(self) -> None:
         self.findings: list[Finding] = []

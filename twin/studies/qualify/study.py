@@ -164,8 +164,6 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Result | 
     FMU does not fit the drive contract.
 
     Args:
-        fmu: drive, see `load_drive`, from the current folder.
-        out: folder of the picture.
         apart: see `qualify_drive`.
         sure: whether a check of more than an hour is confirmed.
     """
@@ -208,12 +206,6 @@ def compare_drives(
     """Run experiments with one drive after the other and compare their true signals, with a picture of each in `out`.
 
     Exit code 3: a run failed.
-
-    Args:
-        fmus: drives.
-        experiments: files or names of the experiments.
-        settings, body: see `trials`.
-        out: folder of the pictures.
     """
     from twin.kernel.atomic_write import make_folder
     from twin.robot.experiment.experiment_files import experiment_file

@@ -96,7 +96,6 @@ class Series:
     """Signals over time, read from a CSV file with reference results or inputs.
 
     Attributes:
-        where: file name, for error messages.
         t: time (s), not descending, (rows,); a repeated time is a jump.
         signals: column name -> values, (rows,).
         others: names of columns that do not contain single numbers.
@@ -145,7 +144,6 @@ class ReferenceFiles:
 
     Attributes:
         unread: (name, reason) of listed experiments, parameters and results that are unsupported.
-        trials: supported experiments.
     """
 
     unread: tuple[tuple[str, str], ...]
@@ -206,7 +204,6 @@ def _cross_check_trials(file: Path) -> list[Trial]:
 
 
 def read_trial(file: Path, trial: Trial, description: FmuDescription) -> TrialFiles:
-    """Load the files of a reference experiment and check them against the FMU."""
 
     def read(name: str) -> tuple[bytes, str]:
         if trial.inside:
@@ -417,7 +414,6 @@ class ReferenceOutcome:
 
     Attributes:
         word: key of `OUTCOME_MEANINGS`.
-        detail: explanation, one sentence.
         deviations: signal -> largest deviation, in multiples of the tolerance.
     """
 
@@ -441,7 +437,6 @@ class References:
         return not any(outcome.word in BAD_OUTCOMES for outcome in self.outcomes)
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert the outcomes of the reference experiments to a dictionary for JSON."""
         return {
             "file": self.file.name,
             "unread": dict(self.reference_files.unread),
@@ -491,10 +486,7 @@ def _isolate_trial(file: Path, number: int, trial: Trial, limits: JobLimits) -> 
 def outcome_of(
     file: Path, trial: Trial, ended: Callable[[ReferenceOutcome], None] = lambda outcome: None
 ) -> ReferenceOutcome:
-    """Run one reference experiment of an FMU in this process and compare it with the reference results.
-
-    `ended` is called with the outcome before the FMU is freed, which crashes some FMUs.
-    """
+    """Run one reference experiment in this process and compare; `ended` gets the outcome before the FMU is freed."""
     outcomes: list[ReferenceOutcome] = []
 
     def judge(run: BareRun) -> None:
@@ -543,11 +535,7 @@ def _judge_run(name: str, run: BareRun, results: Series | None) -> ReferenceOutc
 
 
 def drive_references(table: Drive, apart: bool) -> list[References]:
-    """Run the reference experiments of each FMU of a drive, without the drive's mapping and parameters.
-
-    Args:
-        apart: see `references`.
-    """
+    """Run the reference experiments of each FMU of a drive, without the drive's mapping and parameters."""
     if table.sha256 or any(part.sha256 for part in table.parts.values()):
         # Check the pinned hashes before anything is run.
         plan_drive(table)

@@ -103,8 +103,7 @@ def drift(
 
 
 def correlation_time(t: NDArray[np.float64], r: NDArray[np.float64]) -> float:
-    """Compute the correlation time (s) of a residual r (n,): the lag where its autocorrelation falls below 1/e; 0 for a
-    constant residual, at most the length of r."""
+    """Compute the lag (s) where the autocorrelation of r (n,) is below 1/e; 0 if constant, at most the length of r."""
     centred = r - np.mean(r)
     if len(r) < 3 or not np.any(centred):
         return 0.0

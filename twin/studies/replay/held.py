@@ -30,8 +30,6 @@ def log_measures(log: RobotSamples, estimate: Outputs, source: Path | None, sett
     """Compute the measures of a log's held force; without force or controller each measure is None, with the reason.
 
     Args:
-        log: samples with the measured force.
-        estimate: outputs of the controller's estimator.
         source: experiment of the robot; None for the recording's own.
         settings: "table.key=value" texts for the experiment.
     """

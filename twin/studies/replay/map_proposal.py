@@ -118,7 +118,6 @@ def _angles(table: CsvTable, numbers: Sequence[str]) -> Iterator[list[str]]:
 
 
 def _force(table: CsvTable, numbers: Sequence[str]) -> list[str]:
-    """Propose the map entry for the measured force, pressing positive."""
     units = {name: split_unit(name)[1] for name in numbers}
     forces = [name for name in numbers if _dimension(units[name]) == FORCE]
     weights = [name for name in numbers if _dimension(units[name]) == MASS_DIMENSION]
@@ -169,8 +168,7 @@ def _dimension(unit: str) -> Dimension | None:
 
 
 def _line(signal: str, column: str, unit: str = "", sign: int = 1) -> str:
-    """Format an entry of a column map, `"scale.F_z" = { column = "Fz_N", unit = "N" }`; unit: "" if the column's name
-    contains it."""
+    """Format an entry of a column map; `unit` is "" if the column's name contains it."""
     name = signal if signal == TIME_SIGNAL else json.dumps(signal)
     unit = unit or split_unit(column)[1]
     rest = (f", unit = {json.dumps(unit)}" if unit else "") + (", sign = -1" if sign < 0 else "")

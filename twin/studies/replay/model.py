@@ -41,7 +41,6 @@ class RobotModel:
     """Belief about one robot, SI: controller model, plant parameters and sensor resolution.
 
     Attributes:
-        name: name of the experiment.
         values: the used tables of the experiment, keys with units.
         belief, gravity_compensation: belief and setting of the controller's estimator.
         plant, substeps, motions, tick: parameters of the plant, motions of its surface, and its step (s).
@@ -89,7 +88,6 @@ def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, setti
     """Extract the believed robot from the experiment in a recording's metadata.
 
     Args:
-        metadata: metadata of the recording.
         where: path of the recording, for error messages.
         settings: "table.key=value" texts. [plant] and [controller.model] are expanded in a recording, so that settings
             of [robot] would have no effect; they are refused, like settings of unused tables.

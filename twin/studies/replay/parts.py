@@ -104,13 +104,7 @@ class SampledSteps:
 
 
 class Estimates:
-    """Estimates of position and force from the encoder counts, with the controller's belief, and with the plant's dead
-    zone if the belief lacks it.
-
-    Args:
-        model: belief about the robot.
-        check: check of angles and force by the column map.
-    """
+    """Estimates from the counts with the controller's belief, and with the plant's dead zone if it lacks one."""
 
     def __init__(self, model: RobotModel, check: MapCheck):
         self._check = check
@@ -152,7 +146,6 @@ def best_estimate(rows: Rows) -> dict[str, NDArray[np.float64]]:
 
 
 def pressing(outputs: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Extract the pressing force F_z (n,), N, from the outputs of an estimator or a plant."""
     return -outputs["F_ee_B"][:, 2]
 
 
@@ -162,7 +155,6 @@ class PlantRun:
     It settles before the first sample.
 
     Args:
-        model: belief about the robot.
         p_B: position of the robot at the first sample (3,), m.
     """
 
@@ -216,7 +208,6 @@ class PlantModel:
     workspace. A start discards stiction.
 
     Args:
-        model: belief about the robot.
         restarts: whether it restarts outside the workspace; else `feed` raises `ComponentFailed`.
 
     Attributes:

@@ -62,10 +62,7 @@ class MapCheck:
         self._sums, self._least, self._most = np.zeros((3, 3)), np.inf, -np.inf
 
     def check_first(self, count_m: NDArray[np.float64], count_l: NDArray[np.float64], failed: bool) -> str:
-        """Check the first counts (3,) of motors and joints. Return an error message if they are implausible, or "".
-
-        A recording of twin is checked only if the estimator `failed` on them.
-        """
+        """Return an error message if the first counts (3,) are implausible, in twin's own runs if `failed`; else ""."""
         if not (failed or self._columns):
             return ""
         belief = self._belief

@@ -34,7 +34,6 @@ class Indicator:
         name: `force`, or `joint 1` .. `joint 3`.
         unit: `N` or `rad`.
         t, r: times (n,), s, and values (n,) of the residual.
-        drift: result of the test.
     """
 
     name: str
@@ -49,7 +48,6 @@ class Replay:
     """Result of a replay of a log, SI.
 
     Attributes:
-        model, log: belief about the robot, and its samples.
         estimator: outputs of the controller's estimator at the samples, by port.
         twin: outputs with the plant's dead zone; identical to `estimator` if the belief has the dead zone.
         plant: outputs of the plant model; None if it was not simulated.
@@ -82,9 +80,7 @@ class Replay:
 
 
 def normal_time(text: str) -> tuple[float, float]:
-    """Parse the time of normal operation in a log, the baseline, into (from, to), s after the first sample: `2` is 0 to
-    2, `1:3` is 1 to 3.
-    """
+    """Parse the baseline of a log into (from, to), s after the first sample: `2` is 0 to 2, `1:3` is 1 to 3."""
     first, colon, last = text.rpartition(":")
     try:
         begin, end = float(first) if colon else 0.0, float(last)
@@ -108,8 +104,6 @@ def replay_log(
     changes by twice the dead zone's torque when a spring changes its side, also on a healthy robot.
 
     Args:
-        log: log of a robot or a run.
-        model: belief about the robot.
         plant: whether to simulate the plant model, too.
         baseline: (from, to) after the first sample (s), the reference, best in free air; earlier samples are not
             judged.

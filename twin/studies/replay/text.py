@@ -53,8 +53,6 @@ def replay_result(replay: Replay, held: Values, name: str, files: dict[str, str]
     """Create the report of a replay.
 
     Args:
-        held: measures of the log's force.
-        name: name of the log.
         files: kind -> path.
         following: command to run next, or "".
     """
@@ -132,8 +130,7 @@ def _samples(replay: Replay) -> list[Block]:
 
 
 def next_command(replay: Replay, log: str) -> list[str]:
-    """Return the arguments of the command to run next on a log: it finds the changed part, or, without a measured
-    force, the change; empty if the replay had the plant model already."""
+    """Return the command to run next on a log to find the changed part, or the change; empty after the plant model."""
     if replay.log.force is not None:
         return ["twin", "identify", log]
     return [] if replay.plant else ["twin", "replay", log, "--plant"]
@@ -170,7 +167,6 @@ def _indicator_facts(one: Indicator) -> dict[str, object]:
 
 
 def draw_replay(replay: Replay, name: str, path: Path) -> None:
-    """Draw the results of a replay to `path` (PNG)."""
     force = [one for one in replay.indicators if one.unit == "N"]
     joints = [one for one in replay.indicators if one.unit == "rad"]
     panels = 1 + bool(force) + bool(joints) + bool(replay.indicators)

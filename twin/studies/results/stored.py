@@ -47,7 +47,6 @@ class StoredRun:
     """A stored run: its folder in results/, named by experiment and time, or by the user.
 
     Attributes:
-        folder: folder of the run.
         recording: recording in the folder, finished or not.
         latest: whether the link results/EXPERIMENT/latest points to this run.
         is_top_level: whether the folder is directly in results/, where only users create runs.
@@ -110,12 +109,10 @@ class StoredRun:
 
     @property
     def words(self) -> list[str]:
-        """Arguments of `twin run` that repeat the run."""
         return repeating_words(self.summary, self.experiment, self.start_options)
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """Content of the run's summary file; empty if it cannot be read."""
         try:
             found = read_json(self.folder / SUMMARY_FILE)
         except InputRefused:
@@ -249,10 +246,7 @@ class CurrentExperiments:
 
 
 def describe_differences(run: StoredRun, now: CurrentExperiments) -> tuple[dict[str, tuple[str, str]], str]:
-    """Return a stored run's differences from its experiment's current file, or why they cannot be listed.
-
-    The other of the two is empty.
-    """
+    """Return a run's differences from its experiment's current file, or else why they cannot be listed."""
     if "system" in run.metadata:
         return {}, "a system of FMUs, without an experiment"
     if "experiment" not in run.metadata:
@@ -392,12 +386,7 @@ def list_runs(results: Path, experiments: Sequence[str], say: Say) -> Answer:
 
 
 def removable_runs(results: Path, experiments: Sequence[str], keep: int) -> list[StoredRun]:
-    """Return the stored runs that may be removed: of each experiment all but the newest `keep`.
-
-    The run linked as `latest` is kept, too.
-
-    Runs with user-chosen names are never removable, and do not count.
-    """
+    """Return the runs that may be removed: all but `latest`, user-named ones and each experiment's newest `keep`."""
     seen: dict[str, int] = {}
     doomed = []
     for run in stored_runs(results, experiments):

@@ -124,11 +124,9 @@ class Hazard:
     """Hazard, a line of the hazard table.
 
     Attributes:
-        table: texts of the line.
         causes: at least one cause.
         limit_key: key of `LIMIT_KINDS`; "" if all causes are requirements.
         limit: limit in the unit of its key.
-        evidence: bodies, places and number of the runs.
     """
 
     table: HazardTable
@@ -149,8 +147,6 @@ class SafetyTable:
     """Hazard table, as read from its file and checked.
 
     Attributes:
-        path: path of the file.
-        head: top-level keys.
         hazards, thresholds, variants: tables in the order of the file.
         sensitivity: None without [sensitivity].
     """
@@ -276,12 +272,7 @@ def _cause(name: str, one: Any, mistakes: list[str]) -> Cause | None:
 
 
 def magnitudes_of(cause: Cause, signs: Mapping[str, Sequence[float]]) -> list[tuple[float | None, ...]]:
-    """List the combinations of magnitudes to run, with one magnitude per fault of `cause`: all of a single fault, the
-    largest of several.
-
-    Args:
-        signs: signs of the magnitudes to try, by kind.
-    """
+    """List the magnitudes to run, one per fault: all of a single fault, the largest of several; `signs` by kind."""
     each: list[list[float | None]] = []
     for kind, _ in cause.faults:
         known = FAULT_KINDS[kind].magnitudes

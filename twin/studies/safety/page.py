@@ -50,7 +50,6 @@ def hazard_page(
 
     Args:
         pictures: title and file of each picture, embedded in the page.
-        made_with: command that makes the page.
     """
     return "\n".join(
         [

@@ -18,7 +18,6 @@ class ThresholdPoint(NamedTuple):
     """Results of one monitor threshold at one value: false trips and the worst peak.
 
     Attributes:
-        key: key of [monitor].
         factor: factor on the experiment's value.
         value: value in the unit of the key.
         false_trips: number of healthy robots that trip.
@@ -41,14 +40,7 @@ def threshold_points(
     worst: Sequence[tuple[HazardLine, Stage]],
     say: Callable[[str], None],
 ) -> list[ThresholdPoint]:
-    """Count false trips and compute the worst peak for each threshold of the monitor at each factor; values that
-    contradict other limits are left out.
-
-    Args:
-        path, settings: experiment file and its `key=value`.
-        worst: lines with the stage of their worst run.
-        say: called before each point.
-    """
+    """Count false trips and the worst peak per threshold and factor, except values that contradict other limits."""
     found = []
     for key in asked.keys:
         nominal = nominal_value(path, settings, key)

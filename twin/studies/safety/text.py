@@ -20,8 +20,7 @@ LINE_COLUMNS = (
 
 
 def lines_table(lines: Sequence[HazardLine]) -> Table:
-    """Format the hazard lines as a table: limit, worst run with the monitor, with an ideal one and without, detected
-    runs, status."""
+    """Format the lines as a table: limit, worst run with monitor, ideal one and without, detected runs, status."""
     rows = []
     for line in lines:
         worst = line.worst
@@ -50,14 +49,7 @@ def failures(lines: Sequence[HazardLine]) -> list[Block]:
 def verdict(
     lines: Sequence[HazardLine], facts: Mapping[str, Any], parts: Sequence[Block], files: Mapping[str, object]
 ) -> Result:
-    """Create the report of `twin safety`: verdict on all hazard lines, values for JSON, and files.
-
-    Args:
-        lines: lines of all tables.
-        facts: values for JSON, with the regressions under "worse".
-        parts: blocks after the verdict.
-        files: written files.
-    """
+    """Create the report of `twin safety`: verdict on all hazard lines, values for JSON, and files."""
     of = {status: sum(line.status == status for line in lines) for status in ("kept", "exceeded as stated")}
     bad = len(lines) - sum(of.values())
     failed = bad > 0 or bool(facts["worse"])

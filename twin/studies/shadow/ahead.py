@@ -95,11 +95,7 @@ AHEAD_PORTS = (MADE_PORT, *PREDICTION_PORTS, *BAND_PORTS)
 
 
 def cholesky_first(P: NDArray[np.float64], first: Sequence[int] = PRESSING_STATES) -> NDArray[np.float64]:
-    """Compute the first columns of the Cholesky factor of `P` (n, n), with the states `first` ordered before all
-    others.
-
-    The columns (n, len(first)) have the whole variance of these states, and the correlated part of the other states.
-    """
+    """Compute the Cholesky columns (n, len(first)) of `P` (n, n) that have the whole variance of the states `first`."""
     left, columns = P.copy(), []
     for k in first:
         deviation = math.sqrt(max(left[k, k], 0.0))
@@ -185,7 +181,6 @@ class PredictionScore:
     """Score of a session's predictions, against the estimates that followed.
 
     Attributes:
-        predictions: number of predictions.
         banded: number of predicted forces with a band.
         in_band: number of estimates inside the band.
         no_band: reason why some predictions have no band; "" if all have one.
@@ -225,7 +220,6 @@ class SessionBranches:
     """Branching systems of a session, which predict the robot: one for the twin, and one for each `--what-if`.
 
     Args:
-        experiment: experiment of the robot.
         changed: `--what-if` text -> changed experiment.
         limit: threshold of the predicted pressing force for a warning (N); infinite for no warnings.
         start: time of the first prediction (s).
@@ -393,10 +387,7 @@ class _PredictingPart:
             branching.follow(times, omega_ref, heard[:, 7:10] / self._per_motor)
 
     def _is_foreign(self, t: float) -> bool:
-        """Check whether another controller than the twin's has commanded the robot since the last check; reported once.
-
-        Lost samples cause short differences, another point of the program long ones.
-        """
+        """Whether another controller commanded the robot (differences last, unlike lost samples'); reported once."""
         both = np.concatenate(self._strange)
         self._strange.clear()
         away, robots = both[:, 3:] - both[:, :3], both[:, :3]
@@ -474,8 +465,7 @@ class _PredictingPart:
         return "no band: a tap's time of touch is not estimated" if task in self._ahead.taps else ""
 
     def _score(self, t: NDArray[np.float64], F_z: NDArray[np.float64], deviation: NDArray[np.float64]) -> None:
-        """Compare earlier predictions with the forces estimated since: `F_z` (n,), N, and their standard `deviation`,
-        at `t` (n,), s."""
+        """Compare predictions with the forces `F_z` (n,), N, estimated since, and their `deviation`, at `t` (n,), s."""
         if not self._open:
             return
         foreseen, begin, end = self._ahead.score, float(t[0]) - 1e-9, float(t[-1])
@@ -499,9 +489,7 @@ def changed_experiments(path: Path, settings: Sequence[str], what_if: Sequence[s
     """Load the changed experiment of each `--what-if` option; one text may set several keys, separated by ";".
 
     Args:
-        path: file of the experiment.
         settings: "table.key=value" texts of the robot.
-        what_if: texts of the command line.
     """
     found = {}
     for text in what_if:
@@ -525,7 +513,6 @@ def session_branches(
 
     Args:
         limit: maximum pressing force (N); None for the monitor's limit, if any.
-        note: receives the reason.
     """
     if limit is None:
         limit = experiment.monitor.force_limit if experiment.monitor else math.inf

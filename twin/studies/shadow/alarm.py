@@ -61,8 +61,7 @@ UNKNOWN_PARAMETER = "which parameter is not known"
 
 
 def run_length(H: float) -> float:
-    """Compute the mean number of blocks between false alarms of one cumulative sum at the edge of the tolerance; `H`:
-    threshold by sigma."""
+    """Compute the mean number of blocks between false alarms of one sum at the tolerance's edge; `H`: threshold."""
     b = H + 1.166
     return 2.0 * (math.expm1(b) - b)
 
@@ -129,13 +128,10 @@ class WatchEvent:
     """Change of the watch's state, with the evidence for it.
 
     Attributes:
-        t: time (s).
-        state: new state.
         channel: channel of the largest sum; "" if no sum caused the change.
         level: that sum by its threshold.
         since: start of the sum's growth (s).
         size: mean residual since then, less the reference, in the channel's unit.
-        found: result of the re-identification.
         alarm: whether the change is an alarm.
     """
 
@@ -260,7 +256,6 @@ class ShadowWatch:
     """Watch on a robot: Page's cumulative sums over the block means, and the alarm's state machine.
 
     Args:
-        limits: tolerances.
         per_hour: accepted rate of false alarms.
         gathering: number of blocks after an alarm that are collected for a re-identification.
         cooling: number of blocks after that without a watch.
@@ -312,8 +307,7 @@ class ShadowWatch:
         return self.changes[first:]
 
     def _refuse_other_beginning(self, t: float) -> None:
-        """Stop comparing commands if they differ already in the first blocks: robot and twin did not begin their
-        program together."""
+        """Stop comparing commands that differ in the first blocks: the programs did not begin together."""
         tolerance, sigma = (
             self._limits.tolerance.get(COMMAND_CHANNEL, math.nan),
             self._limits.sigma.get(COMMAND_CHANNEL, math.nan),

@@ -68,10 +68,7 @@ def _evaluate_contact(m):
 
 @entry("nothing", "doubles", "doubles", "int", "doubles", "doubles", "double", at_once=True)
 def _drag(theta_l, h, count, smooth, anchors, presliding):
-    """Move the `anchors` (3) of dry friction along `count` successive rows of three joint angles (P14).
-
-    Angles are low-pass filtered first, because estimation noise would release the friction.
-    """
+    """Move the `anchors` (3) of dry friction along `count` rows of joint angles (P14), filtered against noise."""
     angles, steps, mean, held = carray(theta_l, 3 * count), carray(h, count), carray(smooth, 3), carray(anchors, 3)
     for k in range(count):
         share = 1.0 - math.exp(-steps[k] / SMOOTHING_TIME)
@@ -120,7 +117,6 @@ class ContactEstimate:
         self._solve_zeros()
 
     def snapshot(self) -> "ContactEstimate":
-        """Copy the contact estimate, so that later updates do not change the copy."""
         found = copy(self)
         found._touch = self._touch.copy()
         return found

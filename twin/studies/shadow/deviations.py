@@ -52,8 +52,7 @@ class HealthyDeviation:
         self, deviation: NDArray[np.float64], NIS: NDArray[np.float64], used: NDArray[np.float64],
         J: NDArray[np.float64], tau_l: NDArray[np.float64],
     ) -> NDArray[np.float64]:  # fmt: skip
-        """Widen the filter's standard deviations (n, 15) for a healthy robot, by NIS and new counts (n,), J (n, 3, 3)
-        and tau_l (n, 3)."""
+        """Widen the filter's deviations (n, 15) by NIS and new counts (n,), J (n, 3, 3) and tau_l (n, 3)."""
         added = np.zeros((len(deviation), STATES))
         with np.errstate(invalid="ignore", divide="ignore"):
             away = np.linalg.pinv(np.where(np.isfinite(J), J, 0.0))

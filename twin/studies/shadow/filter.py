@@ -112,8 +112,7 @@ def innovation(m, sensor, count, h, expected):
 
 @njit(cache=True, error_model="numpy")
 def correct(m, h, y):
-    """Correct the filter's state with the encoder counts, one after the other; sum squared residuals by their variances
-    into `y.NIS`."""
+    """Correct the state with the counts, one after the other; sum squared residuals by their variances into `y.NIS`."""
     P, PH, total = m.P, m.PH, m.total
     for i in range(STATES):
         total[i] = 0.0

@@ -23,7 +23,6 @@ changing ten times a second."""
 
 
 def shadow_of(experiment: Experiment, noises: Noises = Noises()) -> Shadow:  # noqa: B008, it is a tuple
-    """Create the Kalman filter of the robot that `experiment` describes."""
     plant = experiment.plant
     return Shadow(
         plant_parameters(plant, experiment.contact),
@@ -46,8 +45,6 @@ def drive_model(experiment: Experiment) -> ShadowDrive:
 class FilterFeed:
     """Kalman filter stepped sample by sample, without an allocation per sample.
 
-    Args:
-        shadow: the filter.
 
     Attributes:
         u: next sample (13,), by `sample_columns.INPUTS`; NaN at first.

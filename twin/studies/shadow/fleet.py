@@ -62,7 +62,6 @@ class Fleet:
     Attributes:
         experiment: file of the twin's experiment.
         settings: settings of all robots and their twin, as of `twin run --set`.
-        robots: settings of each robot.
         corners: settings of robots at the ends of all intervals.
         seed: seed of the additional random values.
     """
@@ -105,10 +104,7 @@ class Fleet:
         return RobotSamples(samples.t[healthy], samples.u[healthy])
 
     def transmit(self, number: int, samples: RobotSamples, every: int = 1) -> RobotSamples:
-        """Simulate the transmission of a robot's samples: keep one in `every`, lose some, and disturb their stamps.
-
-        A robot at a corner has the largest loss and stamp errors.
-        """
+        """Keep one in `every` samples, lose some, disturb their stamps; at a corner loss and errors are largest."""
         random = np.random.default_rng([self.seed, number, every])
         share = random.uniform(0.0, 1.0, 2) if number < len(self.robots) else np.ones(2)
         return transmit_samples(
@@ -126,7 +122,6 @@ def read_fleet(
     """Read a fleet of healthy robots from a sweep file.
 
     Args:
-        path: the file.
         experiment: experiment in place of the file's; intervals are scaled by the ratio of both values, and identified
             values do not vary.
         runs, seed: replacements of the file's values, if given, for other robots.
@@ -194,18 +189,13 @@ def own_commands(twin: Experiment, samples: RobotSamples) -> Columns:
 def block_means(
     twin: Experiment, samples: RobotSamples, block: float = BLOCK_LENGTH
 ) -> tuple[list[float], NDArray[np.float64]]:
-    """Run the filter over a robot's samples, and return ends (s) and means (n, channels) of all blocks."""
     y = filter_outputs(shadow_of(twin), samples) | own_commands(twin, samples)
     found = list(Blocks(block).add_samples(samples.t, y))
     return [t for t, _ in found], np.array([means for _, means in found]).reshape(-1, len(CHANNELS))
 
 
 def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
-    """Compute the alarm's tolerances from the block means of healthy robots.
-
-    Args:
-        means: block means (n, channels) of each robot, from its first block.
-    """
+    """Compute the alarm's tolerances from the block means of healthy robots."""
     # at least two blocks after the reference: the spread is computed from neighbours
     if max(map(len, means)) < (blocks := FIRST_BLOCKS + 2):
         least = SETTLING_TIME + blocks * BLOCK_LENGTH
@@ -223,11 +213,7 @@ def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
 
 
 def fleet_limits(fleet: Fleet, thinned: Sequence[int] = (1,), say: Say = ignore_progress) -> list[Tolerances]:
-    """Compute the alarm's tolerances from a fleet, once for each thinning factor in `thinned` (one of so many samples
-    arrives).
-
-    `say` receives the progress.
-    """
+    """Compute the alarm's tolerances from a fleet per factor in `thinned` (one of so many samples arrives)."""
     twin, count = fleet.twin(), len(fleet.all_robots)
     means: list[list[NDArray[np.float64]]] = [[] for _ in thinned]
     for k in range(count):
@@ -250,7 +236,6 @@ class FalseAlarmRate:
     """Rate of false alarms, measured on healthy robots.
 
     Attributes:
-        alarms: number of alarms.
         hours: watched time without the reference blocks (h).
     """
 
@@ -259,6 +244,5 @@ class FalseAlarmRate:
 
     @property
     def upper(self) -> float:
-        """Upper 95 % confidence bound of the false alarm rate (1/h), exact for a Poisson process (F. Garwood,
-        Biometrika 28 (1936))."""
+        """Upper 95 % bound of the false alarm rate (1/h), exact for Poisson (F. Garwood, Biometrika 28 (1936))."""
         return float(chi2.ppf(0.95, 2 * self.alarms + 2)) / (2.0 * self.hours)

@@ -76,8 +76,6 @@ class OwnController:
 
     It begins with the first sample; if the robot's program is already running, it is at another point.
 
-    Args:
-        experiment: experiment with the controller.
 
     Attributes:
         controller: the component.
@@ -134,9 +132,6 @@ class RobotState:
     """State of the robot with standard deviations, estimated by the filter; its residuals are prior residuals.
 
     Samples are estimated in slices, or each one as it arrives.
-
-    Args:
-        experiment: experiment of the robot.
     """
 
     def __init__(self, experiment: Experiment):
@@ -153,13 +148,11 @@ class RobotState:
         self._stepping = Lock()
 
     def accept(self, plant: PlantParameters) -> None:
-        """Replace the plant's parameters in the filter."""
         with self._stepping:
             self._shadow.accept(plant)
 
     def estimate_at_once(self, sample: Sample) -> None:
-        """Estimate the robot's state from a sample that has just arrived; `feed`, possibly in another thread, returns
-        its row later."""
+        """Estimate the state from a sample that has just arrived; `feed`, maybe in another thread, returns its row."""
         commands = self._one.inputs["omega_ref"]
         held = commands.tolist()
         self._one.u[:] = sample.row
@@ -210,8 +203,7 @@ def own_controllers(experiment: Experiment) -> list[OwnController]:
 
 
 def farthest_command(rows: Rows) -> Rows:
-    """Find the largest of the three command differences between robot and twin (n,), rad/s, for the alarm; empty
-    without commands."""
+    """Find the largest command difference of robot and twin (n,), rad/s; empty without commands."""
     return {"residual_command": np.abs(rows["residual/command"]).max(axis=1)} if "residual/command" in rows else {}
 
 
@@ -220,7 +212,6 @@ class AlarmWatch:
 
     Args:
         limits: tolerances, or tolerances by sampling rate (Hz), chosen by the rate of the first second.
-        per_hour: accepted rate of false alarms.
         reidentifier: search for the changed parameter; None for no search.
         caution: begins the text of each alarm.
 
@@ -317,8 +308,7 @@ class AlarmWatch:
         return [f"{one.t:.1f} s  {one}; {done}" for one, done in ways]
 
     def accept(self, proposal: Adaptation) -> PlantParameters:
-        """Accept a proposal of changed parameters, return the new plant, and learn a new reference after cooling
-        down."""
+        """Accept a proposal, return the new plant, and learn a new reference after cooling down."""
         assert self.reidentifier is not None and self._watch is not None
         self.reidentifier.accept(proposal)
         self._watch.restart(self._t)
@@ -331,11 +321,9 @@ class Twin:
     """Twin of a running robot: all parts that process its samples, in order.
 
     Attributes:
-        parts: the parts, see `Part`.
         state: part that estimates samples as they arrive; may be inside another part.
         check: check of the column map.
         plant_parts: parts that depend on the plant.
-        adapts: whether each proposal is accepted automatically.
         records_calls: whether only rows at controller calls are recorded, `[recording] rate`.
     """
 
@@ -380,7 +368,6 @@ class Twin:
 
     @property
     def proposal(self) -> Adaptation | None:
-        """Open proposal of changed parameters; None without a proposal."""
         return self._reidentifier.proposal if self._reidentifier else None
 
     @property
@@ -427,7 +414,6 @@ def twin_of(
     Args:
         where: begins error messages on the robot's data.
         watched: part that raises the alarm; None for no alarm.
-        adapts: see `Twin`.
         ahead: function that wraps controller and state in a predicting part; None for no predictions.
         columns: column map of the robot; empty for a recording of twin.
     """

@@ -55,11 +55,7 @@ class ProposingTwin(Protocol):
         """Changes of parameters accepted so far. Thread-safe."""
 
     def accept(self, proposal: Any, /) -> bool:
-        """Accept `proposal` of changed parameters if it is still open; called between two slices.
-
-        Returns:
-            Whether it was accepted.
-        """
+        """Accept `proposal` if it is still open, and return whether it was; called between two slices."""
 
 
 def accepted_values(accepted: Sequence[Adaptation]) -> str:
@@ -103,11 +99,7 @@ class AcceptButton:
         }
 
     def request(self, name: str, value: object, /) -> None:
-        """Request a change of a viewer parameter, see `Parameters`; true accepts the presently open proposal only.
-
-        Raises:
-            InputRefused: an unknown parameter, no boolean, or no open proposal.
-        """
+        """Request a viewer parameter, see `Parameters`; true accepts the open proposal; raise `InputRefused`."""
         if name in (PROPOSAL_PARAMETER, ACCEPTED_PARAMETER, LINE_PARAMETER):
             raise InputRefused(
                 f"{name} is the twin's to say; {ACCEPT_PARAMETER} = true accepts what {PROPOSAL_PARAMETER} says"
@@ -183,8 +175,6 @@ class ShadowViewer:
 
     Args:
         server: server that does not wait for its first viewer.
-        topics: ports of the twin's topics.
-        experiment: experiment of the robot.
         twin: see `AcceptButton`.
     """
 

@@ -24,11 +24,9 @@ class ShadowRecording:
     The robot's messages have their arrival times relative to the first sample's, so that delays are visible.
 
     Args:
-        path: the finished file.
         topics: ports of the twin's topics.
         others: topics of the robot.
         model: belief about the robot.
-        source: name of the robot's source.
         first: stamp and arrival of the first sample, ns.
     """
 

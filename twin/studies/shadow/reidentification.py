@@ -75,11 +75,8 @@ class ParameterChange(NamedTuple):
     """Believed and identified value of one parameter.
 
     Attributes:
-        name: name in texts.
         field, leg: field of `PlantParameters` and its leg; -1 for all.
-        was: believed value.
         now: found value; None if not determined.
-        unit: SI unit.
         least: minimum change.
         why: reason if not determined.
     """
@@ -125,7 +122,6 @@ class Adaptation:
         return "; ".join(str(one) for one in self.changes)
 
     def apply_to(self, plant: PlantParameters) -> PlantParameters:
-        """Return `plant` with the proposed changes applied."""
         for one in self.changes:
             assert one.now is not None
             value = one.now.value
@@ -159,12 +155,7 @@ Spring = tuple[Estimate, Estimate, bool] | None
 
 
 def torque_error(experiment: Experiment) -> float:
-    """Simulate the twin, and return the error of a motor's torque as the load of its spring: rms difference by the
-    largest load; infinite if the drives have no torque.
-
-    Raises:
-        TwinError: the run fails.
-    """
+    """Simulate the twin; return torque less load (rms, by the largest load), infinite without torques."""
     run = run_in_memory(experiment, experiment.controller_ticks)
     if not all(f"drive/{leg}.tau_motor" in run.fields() for leg in (1, 2, 3)):
         return math.inf
@@ -179,8 +170,6 @@ def reidentify(
     """Identify springs, their zeros and the contact from `samples` since a change, and list the changes of parameters.
 
     Args:
-        plant: present belief about the plant.
-        believed: geometry, masses, N and counts.
         rotor: inertia of a motor (kg m2).
         loads: whether a motor's torque is its spring's load; see `TORQUE_ERROR`.
     """
@@ -234,12 +223,7 @@ def _slow_motion(samples: RobotSamples, believed: Belief) -> SlowMotion | None:
 
 
 def _cautious_line(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.int64]) -> Line | None:
-    """Fit a line to clustered data like `line`, with intervals at least as wide as for independent errors, since few
-    groups can agree by chance; None with too few groups.
-
-    Each coefficient beyond a slope and a constant takes one group from the degrees of freedom (Cameron and Miller 2015,
-    Sec. VI.D).
-    """
+    """Fit a line like `line` with intervals at least as for independent errors, minus a group per extra coefficient."""
     groups = len(np.unique(cluster))
     found = line(A, y, cluster) if groups >= MIN_GROUPS else None
     if found is None:
@@ -317,8 +301,7 @@ class SampleRing:
         self._next = 0
 
     def keep(self, t: NDArray[np.float64], u: NDArray[np.float64]) -> None:
-        """Store samples of the robot at `t` (n,), s, ascending from call to call, with the filter's inputs `u` (n,
-        13)."""
+        """Store samples at `t` (n,), s, ascending from call to call, with the filter's inputs `u` (n, 13)."""
         at = (self._next + np.arange(len(t))) % MAX_SAMPLES
         self._t[at], self._u[at] = t, u
         self._next = (self._next + len(t)) % MAX_SAMPLES
@@ -334,14 +317,10 @@ class Reidentifier:
     """Search for changed parameters in a background thread, with a buffer of the newest samples.
 
     Args:
-        experiment: belief about the robot.
         wait: whether to wait for the result, so that a log gives the same result at any speed.
 
     Attributes:
-        plant: present belief about the plant.
         proposal: newest open proposal; None without a proposal.
-        proposals: all proposals.
-        adaptations: accepted proposals.
     """
 
     def __init__(self, experiment: Experiment, wait: bool):
@@ -359,7 +338,6 @@ class Reidentifier:
         self._asked_at = math.nan
 
     def keep(self, t: NDArray[np.float64], u: NDArray[np.float64]) -> None:
-        """Store samples for the search of changed parameters, see `SampleRing`."""
         self._ring.keep(t, u)
 
     def ask(self, since: float, t: float) -> None:
@@ -370,7 +348,6 @@ class Reidentifier:
         )
 
     def answer(self) -> str:
-        """Return the result of the search for changed parameters as a sentence; "" while the search is running."""
         assert self._answer is not None
         if not (self._wait or self._answer.done()):
             return ""
@@ -387,6 +364,5 @@ class Reidentifier:
         return f"{UNKNOWN_PARAMETER}: {'; '.join(reasons)}"
 
     def accept(self, proposal: Adaptation) -> None:
-        """Adopt the parameter values of `proposal` as the belief about the plant."""
         self.plant, self.proposal = proposal.apply_to(self.plant), None
         self.adaptations.append(proposal)

@@ -74,8 +74,6 @@ class Session:
         source: the robot or a log.
         columns: columns of the signals; empty if arrivals are readings.
         wanted: column and conversion of each signal.
-        twin: the twin.
-        model: belief about the robot.
         lateness: budget for late messages (s).
         duration: maximum length (s) by the robot's stamps; infinite for no limit.
         live: whether the source is live, so that silence is an event.
@@ -157,7 +155,6 @@ class Session:
         time.sleep(0.1)
 
     def _report_once(self, text: str) -> None:
-        """Report a text unless it has been reported before, also without a terminal."""
         if text != self._announced:
             self._announced = text
             self._announce(text)

@@ -49,10 +49,8 @@ def open_source(
     live.
 
     Args:
-        source: text of the command line.
         columns: columns of the map.
         wanted: signals that a map may name.
-        belief: converts angles of a log to counts.
         speed: pace of a log.
         notes: list that receives notes on missing data of a log.
         part: start and end (s) of the part of a log, see `read_log`.

@@ -41,9 +41,7 @@ def status_line(t: float, period: float, late: float, counts: Counts, NIS: float
         t: time of the last sample (s).
         period: period of the samples (s); infinite if unknown.
         late: 99 % quantile of the messages' lateness (s).
-        counts: counts of samples.
         NIS: mean NIS per count of the last second.
-        level: level of the alarm.
         joints: largest mean joint residual of the last second (rad).
     """
     gaps = count_text(counts.gaps, "gap")

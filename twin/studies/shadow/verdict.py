@@ -30,7 +30,6 @@ class RunningStatistics:
     """Running statistics of one residual of a session.
 
     Attributes:
-        count: number of values.
         mean, rms: mean and root mean square of all values.
         largest, largest_time: value of largest size, and its time (s).
         recent: mean over the last second.
@@ -88,19 +87,13 @@ class SessionSummary:
     """Summary of a session with a robot: counts, residuals, alarms and predictions.
 
     Attributes:
-        source: name of the source.
-        recording: path of the recording.
         seconds: time from the first to the last sample, by the robot's stamps.
-        counts: counts of samples.
         period: sampling period (s); infinite without a clock.
-        lateness: lateness of messages.
         offset, drift: offset and drift of the robot's clock, see `Clocks`.
-        in_hand: times from due samples to their estimates.
         missed: number of estimates later than a period after their samples.
         residuals: `force` (N), `plant joint 1` .. `plant joint 3` (rad), `command 1` .. (rad/s); `NIS` per count in
             motion.
         dropped: number of messages lost by the transport or by a full queue.
-        notes: further sentences.
         changes: changes of the alarm's state; None without an alarm.
         no_alarm: reason for the missing alarm.
         caution: caution for alarms; "" for an identified robot.
@@ -153,12 +146,7 @@ class Verdict:
 
 
 def gross_disagreement(residuals: Mapping[str, RunningStatistics], mistake: str = "") -> Verdict | None:
-    """Judge residuals that are too large for any healthy robot, or a wrong column map; None if neither applies.
-
-    Args:
-        residuals: residuals of a session.
-        mistake: error of the column map, see `MapCheck`.
-    """
+    """Judge residuals that are too large for any healthy robot, or a wrong column map; None if neither applies."""
     if mistake:
         return Verdict("part", 0.0, f"robot and twin part: {mistake}")
     for name, one in residuals.items():

@@ -31,11 +31,7 @@ def pack_curves(curves: Mapping[str, tuple[Curve, Curve]], end: float) -> dict[s
 
 
 def unpack_curves(stored: Mapping[str, Any]) -> tuple[Curve, dict[str, Curve]]:
-    """Decode the curves of a run that `pack_curves` stored: (times (s), name -> values).
-
-    Raises:
-        ValueError: `stored` was not written by `pack_curves`.
-    """
+    """Decode curves stored by `pack_curves` (else ValueError): (times (s), name -> values)."""
     try:
         values = {name: values_of(text) for name, text in stored["of"].items()}
     except KeyError as problem:
@@ -48,11 +44,7 @@ def unpack_curves(stored: Mapping[str, Any]) -> tuple[Curve, dict[str, Curve]]:
 
 
 def require_fig4_claims(experiment: Experiment) -> None:
-    """Refuse an experiment on which the claims of Fig. 4 cannot be judged in a sweep.
-
-    Raises:
-        InputRefused: the experiment is too short, has massage tasks or no force control.
-    """
+    """Refuse an experiment that is too short, has massage tasks or no force control for the claims of Fig. 4."""
     end = experiment.duration_ticks * experiment.cosim.tick
     if end < MIN_DURATION:
         raise InputRefused(f'{experiment.name}: ends at {end:g} s; claims = "fig4" needs {MIN_DURATION} s')

@@ -27,10 +27,6 @@ def write_margins(plan: SweepPlan, found: SweepRows, folder: Path, engine: Engin
     """Compute and store the stability margins of a sweep's runs with the smallest hold errors.
 
     Nothing is done if they exist already or claims are judged.
-
-    Args:
-        found: rows of `plan`, stored in `folder`.
-        engine, limits: see `run_sweep`.
     """
     keys = {*found.columns.categorical("key").select(best_rows(found, SweepQuery(HOLD_ERROR, "", MAX_MARGIN_RUNS)))}
     if plan.definition.claims or keys <= found.margins.keys():

@@ -194,7 +194,6 @@ class SweepFile(BaseModel):
 
 
 def read_definition(path: Path) -> tuple[SweepFile, Path]:
-    """Load a sweep file and locate the experiment file that it names."""
     table = read_toml(path, "sweep file")
     # every experiment has a title, its own or that of the file it extends; a sweep file has neither
     if "experiment" not in table and table.keys() & {"title", "extends"}:
@@ -261,10 +260,7 @@ def _disagreements(definition: SweepFile) -> list[str]:
 
 
 def why_not_saltelli(tables: Sequence[Vary]) -> list[str]:
-    """Return an error message for each varied key that design = "saltelli" does not support.
-
-    Variance shares add up only for independent parameters, and every drawn value must differ.
-    """
+    """Return an error per key that "saltelli" does not support: dependent ones, and ones with equal draws."""
     return [
         f'[[vary]] {number}: {key} does not go with design = "saltelli", whose parameters are independent numbers; '
         "remove it, or choose another design"
@@ -318,10 +314,7 @@ def points(definition: SweepFile) -> list[DesignPoint]:
 
 
 def grid(tables: list[Vary], chosen: dict[str, Value]) -> Iterator[dict[str, Value]]:
-    """Yield every combination of the varied keys' levels, the last table varying fastest.
-
-    A table whose condition fails is skipped.
-    """
+    """Yield every combination of levels, the last table varying fastest; skip tables whose condition fails."""
     if not tables:
         yield dict(chosen)
         return
@@ -411,9 +404,6 @@ class SweepPlan:
     """The validated plan of a sweep: all of its runs.
 
     Attributes:
-        name: name of the sweep file.
-        definition: content of the sweep file.
-        experiment: experiment file.
         tasks: all runs, once each. A key is the hash of all inputs of the result: version of twin, the experiment's
             values, the FMUs' SHA-256, drive and settings.
         metrics: names of the metrics that a run can have.
@@ -429,7 +419,6 @@ class SweepPlan:
 
 
 def read_plan(path: Path) -> SweepPlan:
-    """Load a sweep file and plan its runs."""
     definition, experiment = read_definition(path)
     return plan_of(definition, experiment, path.stem, str(path))
 
@@ -438,8 +427,6 @@ def plan_of(definition: SweepFile, experiment: Path, name: str, source: str, set
     """Plan the runs of a sweep, after loading the first and the extreme runs.
 
     Args:
-        experiment: experiment file.
-        name: name of the sweep.
         source: origin of the definition, shown in error messages.
         settings: settings for `load_experiment`, applied to every run.
     """
@@ -491,20 +478,12 @@ def _extremes(drafts: Sequence[Draft]) -> Iterable[Draft]:
 
 
 def text_settings(settings: Sequence[str]) -> tuple[str, ...]:
-    """Return the settings whose value is a text, out of settings "key=value".
-
-    A text can name a file (a body, an FMU), a number cannot. So runs with equal drive and text settings read the same
-    files.
-    """
+    """Return the settings with a text, which alone can name a file (a body, an FMU): equal ones read the same files."""
     return tuple(text for text in settings if text.endswith('"'))
 
 
 def files_digest(experiment: Path, drive: str | None, settings: tuple[str, ...]) -> str:
-    """Return the hash of the files that a run of a sweep reads, and of the values in them.
-
-    Args:
-        drive, settings: drive and settings of the run; only the `text_settings` count.
-    """
+    """Return the hash of the files that a run reads, and of their values; only `text_settings` count."""
     return _RunFiles(str(experiment), experiment, False).load(drive, text_settings(settings))[1]
 
 

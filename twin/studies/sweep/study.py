@@ -229,6 +229,5 @@ def complete_sweep(
 
 
 def rows_to_dict(found: "SweepRows") -> dict[str, Any]:
-    """Convert a sweep and its rows for JSON, without the curves."""
     rows = [{key: value for key, value in row.items() if key != "curves"} for row in found.rows]
     return {"sweep": found.name, "runs": found.runs, "limits": found.limits, "rows": rows}

@@ -65,7 +65,6 @@ def run_sweep(
     """Make the runs of a sweep that have no row in the folder yet, and store each row as it arrives.
 
     Args:
-        engine: executor of the runs.
         record: runs to record, see `Job`; recordings are written to `folder`/runs/NUMBER.
         show: progress callback, called at the start and after each batch of rows.
 
@@ -96,10 +95,7 @@ def run_sweep(
 
 
 class _Tally:
-    """Incremental summary of a sweep's rows, updated per batch.
-
-    Rescanning all rows each time would take quadratic time.
-    """
+    """Summary of a sweep's rows, updated per batch, because rescanning all rows would take quadratic time."""
 
     def __init__(self, total: int, before: Columns):
         self._total, self._before, self._began = total, len(before), time.monotonic()

@@ -53,8 +53,6 @@ def run_task(
 
     Args:
         here: working directory; an FMU may have changed it.
-        experiment: experiment file.
-        folder: folder of the recording.
         claims: see `trial`.
         trial, record: see `Job`.
         files: expected hash of the run's files, see `files_digest`; "" to skip the check.
@@ -138,10 +136,7 @@ def _status_and_reason(problem: Exception) -> tuple[str, str]:
 
 
 def _simulate(experiment: Experiment, whole: bool) -> tuple[Outcome, dict[str, float | None], str]:
-    """Simulate a sweep's run; return its outcome, its metrics and the reason for a missing hold error.
-
-    All signals are kept if `whole` or if the experiment has measures.
-    """
+    """Simulate a run, with all signals if `whole` or measured; return outcome, metrics, why no hold error."""
     if not (experiment.measures or whole):
         done = _runs.run(experiment).require_success()
         return done, *_metrics_and_reason(done)

@@ -73,7 +73,6 @@ class AdditionOptions:
     ] = ()
 
     def additions(self) -> "Additions":
-        """Convert the options for values, inputs and recorded variables to the kernel's form."""
         # The import loads FMPy.
         from twin.kernel.systems.additions import Additions
 

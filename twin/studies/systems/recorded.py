@@ -58,7 +58,6 @@ def run_summary(
     recording: Path,
     state_every: float | None = None,
 ) -> dict[str, Any]:
-    """Return the summary of a run of a system of FMUs for JSON."""
     costs = done.costs
     # The last row, also if a component requested the end.
     end = done.simulation.next_tick - 1
@@ -139,7 +138,6 @@ def _start(part: SystemPart, variable: Variable) -> Any:
 
 
 def system_result(came: Mapping[str, Any]) -> Result:
-    """Return the report of a run of a system of FMUs."""
     when = "the end of the last step" if came["scheme"] == "jacobi" else "the last step, leading back in the order"
     unfed = [f"{name} = {value:g}" if isinstance(value, float) else f"{name} = {value}"
             for name, value in came["not_fed"].items()]  # fmt: skip
@@ -224,7 +222,6 @@ def record_system(
 
     Args:
         system: SSP archive, FMU, OspSystemStructure.xml or multi-model of Maestro.
-        choice: options of the master.
         out: folder of the run; None for results/NAME/TIME.
         compiled: whether to build FMUs without a binary for this machine from their sources.
         state_every: time between saved states (s); None to save only the last state.
@@ -298,11 +295,7 @@ def write_ssp(
 def write_joined_system(
     fmus: Sequence[Path], choice: MasterChoice, out: Path | None, compiled: bool
 ) -> tuple[Path, list[Note]]:
-    """Join several FMUs by guessed wires and write the system as an SSP archive.
-
-    Returns:
-        The archive, and notes on its wires.
-    """
+    """Join FMUs by guessed wires and write the system as SSP; return the archive and notes on its wires."""
     # Guessing wires needs code for drives, which other systems do not load.
     from twin.studies.systems.joined import join_fmus
 

@@ -141,10 +141,7 @@ def gains_of(experiment: Experiment) -> LawGains:
 
 
 def with_gains(experiment: Experiment, gains: LawGains) -> Experiment:
-    """Return the experiment with other gains of position and force law.
-
-    Its `values` still contain the gains of the file.
-    """
+    """Return the experiment with other gains; its `values` still contain the gains of the file."""
     c = experiment.controller
     position = c.position.model_copy(update={"kp": gains.kp})
     force = c.force.model_copy(update={"kp": gains.force_kp, "ki": gains.force_ki})
@@ -163,9 +160,6 @@ class Corner:
     low-passed estimated pressing force, true position (3,), and true pressing force, SI.
 
     Attributes:
-        experiment: experiment with this drive and these settings.
-        drive: name of the drive.
-        point: operating point.
         A, B, C: state-space matrices, (n, n), (n, 3), (8, n).
         period: period of the controller (s).
         omega: frequencies (rad/s) (m,).
@@ -384,10 +378,7 @@ def step_response(corner: Corner, gains: LawGains, i: int) -> tuple[Matrix, Matr
 
 
 def _powers(row: Matrix, A: Matrix, count: int) -> tuple[Matrix, Matrix]:
-    """Return the products `row` A^k for k = 0 .. count - 1, (count, n), and A^m.
-
-    m is the smallest power of two not below `count`.
-    """
+    """Return `row` A^k for k = 0 .. count - 1, (count, n), and A^m, m the smallest power of two >= `count`."""
     rows, power = row, A
     while len(rows) < count:
         rows, power = np.vstack([rows, rows @ power]), power @ power

@@ -101,7 +101,6 @@ class Miss(NamedTuple):
         goal: "margin", "overshoot", "bandwidth" or "stability".
         by: relative amount by which it is missed; for the overshoot a share of the step.
         reached: value reached, in the unit of the goal.
-        at: prediction that misses it.
     """
 
     goal: str
@@ -226,10 +225,7 @@ class StepTrial:
 
 
 def can_simulate_step(corner: Corner) -> bool:
-    """Whether the co-simulation can simulate a reference step at a corner.
-
-    Impossible where [controller.damping] acts: only tasks use it, and tasks make no steps.
-    """
+    """Whether a step can be simulated: [controller.damping] is only for tasks, and tasks make no steps."""
     damping = corner.experiment.controller.damping if corner.experiment.tasks else None
     return corner.point.in_contact == corner.point.force_on and (damping is None or damping.gain == 0.0)
 
@@ -392,7 +388,6 @@ class TuningResult:
         return not self.after.misses and not self.contradictions
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert the result of tuning to a dictionary for JSON, SI."""
         return {
             "experiment": self.experiments[0].name,
             "met": self.meets_goals,
@@ -464,10 +459,7 @@ def _place_text(prediction: Prediction) -> str:
 
 
 def worst_places(predictions: Sequence[Prediction]) -> list[int]:
-    """Return the numbers of the corners with the largest sensitivity M_s, one per drive, law and stiffness.
-
-    Ordered by drive, in air first, then by stiffness.
-    """
+    """Return the corner with the largest M_s per drive, law and stiffness; by drive, air first, stiffness."""
     worst: dict[tuple[str, str, bool, float], int] = {}
     for i, prediction in enumerate(predictions):
         corner = prediction.corner

@@ -212,10 +212,7 @@ class LoopSettings(NamedTuple):
     Attributes:
         N: belt ratio.
         eta: belt efficiency, as believed.
-        position, force: gains.
         corner: low-pass on the force (Hz).
-        damping: None if the controller has no damping.
-        period: s.
     """
 
     N: float
@@ -492,10 +489,7 @@ def linked_states(A: Matrix, B: Matrix, C: Matrix) -> NDArray[np.int64]:
 
 
 def closed_loops(loops: Loops, gains: Mapping[str, float]) -> Loops:
-    """Close some loops of the linear system, each with a factor on all gains of its control law.
-
-    Inputs and outputs stay: an input at a closed loop is added to its signal.
-    """
+    """Close some loops, each with a factor on its law's gains; an input at a closed loop is added to its signal."""
     n = len(LOOPS)
     K = np.diag([gains.get(name, 0.0) for name in LOOPS])
     # a = K b + external inputs, b = C_b x + D_b a: solvable because no loop depends directly on itself

@@ -48,7 +48,6 @@ class Provenance:
     """Origin and uncertainty of a curve digitised from the paper.
 
     Attributes:
-        head: head of the file.
         signal: name of the curve in the log.
         value: uncertainty of the signal (SI).
         time: uncertainty of the time (s).
@@ -103,10 +102,7 @@ def _check(log: Log, column: str, width: float, calibration: dict[str, Points]) 
 
 
 def _by_column(content: dict[str, Any]) -> dict[str, Any]:
-    """Return the entries of a file's head by column name.
-
-    TOML parses the dot in `controller.F_z_N` as a nested table.
-    """
+    """Return the head's entries by column name; TOML parses the dot in `controller.F_z_N` as a nested table."""
     tables = {key: content[key] for key in ("calibration", "uncertainty") if isinstance(content.get(key), dict)}
     return content | {key: dict(_columns("", table)) for key, table in tables.items()}
 

@@ -35,10 +35,7 @@ T = TypeVar("T")
 
 
 class ClusterLost(ComponentFailed):
-    """Error for the loss of a cluster during a sweep: scheduler or all workers gone, or a timeout.
-
-    Rows written before are kept.
-    """
+    """Error for the loss of scheduler, all workers or an answer during a sweep; rows written before are kept."""
 
 
 def call_with_timeout(
@@ -81,12 +78,7 @@ def attempt_with_timeout(limit: float, call: Callable[..., object], *arguments: 
 
 @contextmanager
 def connect_client(scheduler: str) -> Iterator[Client]:
-    """Yield a Dask client of the cluster whose scheduler has the given address.
-
-    Raises:
-        InputRefused: no scheduler answers there, it has no workers, or one is not like this machine.
-        ClusterLost: the cluster stops answering.
-    """
+    """Yield a client of the scheduler's cluster; refuse other machines, raise `ClusterLost` if it stops answering."""
     with ExitStack() as ends:
         ends.enter_context(_silence_dask())
         _refuse_no_scheduler(scheduler)
@@ -152,7 +144,6 @@ def difference(who: str, theirs: dict[str, str] | BaseException, ours: dict[str,
     "" if the versions are equal.
 
     Args:
-        who: name of the other process.
         theirs: versions of the other process, or the exception raised if it has no compatible twin.
     """
     if not isinstance(theirs, dict):
@@ -174,10 +165,7 @@ def refusal(difference: str) -> str:
 
 
 def _refuse_no_scheduler(address: str) -> None:
-    """Refuse an address at which no Dask scheduler answers.
-
-    Dask's client would wait forever for a silent server.
-    """
+    """Refuse an address where no Dask scheduler answers; Dask's client would wait forever for a silent server."""
 
     async def role() -> str:
         comm = await connect(address, timeout=CONNECT_TIMEOUT, **Security().get_connection_args("client"))

@@ -83,11 +83,7 @@ class _Batches:
         self._threads, self._looked, self._worker_seen = 1, -CHECK_PERIOD, time.monotonic()
 
     def begin(self) -> None:
-        """Register the sweep with the cluster's scheduler and every worker, including workers that join later.
-
-        Raises:
-            ClusterLost: the cluster does not answer.
-        """
+        """Register the sweep with scheduler, present and future workers; raise `ClusterLost` without an answer."""
         for plugin in (EndPlugin(self._sweep, self._client.id), SweepPlugin(self._sweep, self._job)):
             try:
                 call_with_timeout(ANSWER_TIMEOUT, self._client.register_plugin, plugin)
@@ -97,7 +93,6 @@ class _Batches:
                 ) from None
 
     def results(self) -> Generator[list[Result]]:
-        """Send all batches of runs to the cluster and yield their results."""
         # Keys and parameters are not needed to make a run.
         waiting = deque(replace(task, key="", parameters={}) for task in self._tasks.values())
         left = len(waiting)
@@ -124,7 +119,6 @@ class _Batches:
                 time.sleep(POLL_PERIOD)
 
     def stop(self) -> None:
-        """Cancel the batches of runs that are in progress in the cluster's workers."""
         # A lost cluster needs no cleanup, and the loss is already reported.
         if self._client.status == "running":
             attempt_with_timeout(END_TIMEOUT, self._client.cancel, list(self._under_way), force=True)
@@ -156,10 +150,7 @@ class _Batches:
         )
 
     def _batch(self, waiting: deque[Task]) -> list[Task]:
-        """Take the runs of the next batch off the waiting ones.
-
-        Batches shrink towards the end, so that all threads finish together.
-        """
+        """Take the next batch off the waiting runs; batches shrink at the end, so that all threads finish together."""
         share = -(-len(waiting) // (BATCHES_PER_THREAD * self._threads))
         seconds = max(BATCH_SECONDS, MIN_SECONDS_PER_THREAD * self._threads)
         size = max(1, min(int(seconds / self._seconds), MAX_BATCH_SIZE, share))

@@ -54,7 +54,6 @@ class ReportPart:
     """A titled table with remarks.
 
     Attributes:
-        key: short name.
         head, rows: column titles, and cells of each row; empty without a table.
         remarks: sentences below the table.
         notes: text of a first cell -> explanation, shown only on a page, where there is room.
@@ -171,10 +170,7 @@ def sensitivity_parts(sweep: SweepRows, metric: str) -> list[ReportPart]:
 
 
 def significant_parameters(correlations: dict[str, sensitivity.Correlation]) -> set[str]:
-    """Return the parameters whose correlation is significant at the familywise level `FAMILYWISE_LEVEL`.
-
-    Source: Holm (1979), A simple sequentially rejective multiple test procedure.
-    """
+    """Return the parameters with a significant correlation at `FAMILYWISE_LEVEL`, by Holm (1979)."""
     stars: set[str] = set()
     ordered = sorted(correlations.items(), key=lambda item: item[1].p)
     for tested, (label, found) in enumerate(ordered):
@@ -536,7 +532,6 @@ def worst_label(sweep: SweepRows, wanted: str | None) -> str | None:
 
 
 def sweep_text(sweep: SweepRows, asked: SweepQuery, sensitivity: bool = False) -> str:
-    """Return the report of a sweep as text, with rank correlations and Sobol indices if `sensitivity`."""
     found = parts(sweep, asked)
     shown = [part for part in found if sensitivity or part.key not in SENSITIVITY_KEYS]
     more = ["", "rank correlations and Sobol indices: --sensitivity"] if len(shown) < len(found) else []
@@ -550,7 +545,6 @@ def _blocks(part: ReportPart) -> list[Block]:
 
 
 def headline_text(sweep: SweepRows, by: str) -> str:
-    """Return the first sentence in lines of at most 80 characters."""
     return lay_out([_fold(headline(sweep, by))])
 
 

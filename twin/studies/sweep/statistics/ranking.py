@@ -45,10 +45,7 @@ HOLDS_VERDICTS, FAILS_VERDICTS = ("holds", "reproduced after all"), ("fails", "n
 
 @cache_per_columns
 def value(columns: Columns, metric: str) -> Numbers:
-    """Return a metric, or a claim's measured quantity, for each run of a sweep, (n,).
-
-    NaN if the run has no such value: it failed, no force was controlled, or the event never happened.
-    """
+    """Return a metric or claim's quantity per run, (n,); NaN if failed, uncontrolled or without the event."""
     name = f"metrics/{metric}"
     found = columns.numbers(name) if name in columns.by_name else np.full(len(columns), np.nan)
     if f"verdicts/{metric}" in columns.by_name:
@@ -92,7 +89,6 @@ def usual_metric(columns: Columns) -> str:
 
 
 def usual_against(columns: Columns, by: str) -> str:
-    """Return the second metric of a sweep's Pareto front by default."""
     return _first_available(columns, [metric for metric in USUAL_AGAINST if metric != by])
 
 
@@ -109,7 +105,6 @@ def metrics_in(columns: Columns) -> list[str]:
 
 
 def claims_in(columns: Columns) -> list[str]:
-    """Return the keys of the paper's claims judged on at least one run of a sweep."""
     return list(columns.names_in_group("verdicts"))
 
 
@@ -143,10 +138,7 @@ def ranked_rows(columns: Columns, metric: str) -> Positions:
 
 
 def floor_text(metric: str) -> str:
-    """Format the smallest relevant difference of a metric: `0.05 N` or `5 %`.
-
-    "" if every difference is relevant.
-    """
+    """Format the smallest relevant difference of a metric: `0.05 N` or `5 %`; "" if every one is relevant."""
     measure = BY_COLUMN.get(metric)
     if measure is None or not (measure.floor or measure.share):
         return ""
@@ -154,10 +146,7 @@ def floor_text(metric: str) -> str:
 
 
 def floor(metric: str, numbers: Numbers) -> Numbers:
-    """Return the largest irrelevant difference from each value of a metric.
-
-    It is 0 for a metric that is not a measure of twin.
-    """
+    """Return the largest irrelevant difference from each value; 0 for a metric that is not a measure of twin."""
     measure = BY_COLUMN.get(metric)
     if measure is None:
         return np.zeros_like(numbers)
@@ -216,7 +205,6 @@ def drives_in(columns: Columns) -> list[str | None]:
 
 
 def drive_mask(columns: Columns, drive: str | None) -> NDArray[np.bool_]:
-    """Return the mask (n,) of the sweep's runs with a drive."""
     return columns.categorical("drive").mask(lambda name: name == drive)
 
 
@@ -225,7 +213,6 @@ class MetricSpread:
     """Distribution of a metric over the runs of a sweep.
 
     Attributes:
-        metric: name of the metric.
         numbers: values of the runs that have the metric, in the order of runs.
         missing: number of runs without the metric.
         quantiles: values at `QUANTILES`.
@@ -395,10 +382,7 @@ def drive_ranking(columns: Columns, metric: str) -> list[DriveScore]:
 
 
 def _shared_points(columns: Columns, mine: list[NDArray[np.bool_]], done: Numbers) -> Numbers:
-    """Return the metric of each drive, (drives, points), at the points finished by every drive.
-
-    NaN where a run was not completed.
-    """
+    """Return the metric of each drive, (drives, points), at points finished by every drive; NaN if not completed."""
     point = np.zeros(len(columns), np.intp)
     for name in columns.names_in_group("parameters").values():
         column = columns.by_name[name]
@@ -477,10 +461,7 @@ class Likelihood:
 
 @cache_per_columns
 def likelihoods(columns: Columns) -> list[Likelihood]:
-    """Return the probability of each claim judged in at least one run, in the paper's order.
-
-    Failed runs do not count.
-    """
+    """Return the probability of each claim judged in any run that did not fail, in the paper's order."""
     judged = columns.names_in_group("verdicts")
     if not judged:
         return []
@@ -508,10 +489,7 @@ def likelihoods(columns: Columns) -> list[Likelihood]:
 
 
 def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
-    """Return the 95 % Wilson interval of a probability, always inside 0 .. 1; (0, 1) for no runs.
-
-    Source: Wilson (1927); recommended for small numbers by Brown, Cai and DasGupta (2001).
-    """
+    """Return the 95 % Wilson (1927) interval, (0, 1) for no runs; good for few runs (Brown, Cai, DasGupta 2001)."""
     # Slow to import, and few sweeps judge claims.
     from scipy.stats import binomtest
 
