@@ -185,7 +185,7 @@ class ListedDrive(NamedTuple):
 
 
 def listed_drives(start: Path) -> tuple[ListedDrive, ...]:
-    """List all drives in the folder fmus/ above `start` by name, with the reason for each unfit one; refuse if missing."""
+    """List all drives in fmus/ above `start` by name, with the reason for each unfit one; refuse if missing."""
     shelf = locate_file(DRIVES_FOLDER, start)
     if not shelf.is_dir():
         raise InputRefused(f"{shelf}: no such folder; run this in the project's folder, or name a drive by its path")
