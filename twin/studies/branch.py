@@ -144,7 +144,6 @@ def branch(
 
 
 def _outcome(one: Branch, run: "Run", other: BranchOutcome | None) -> BranchOutcome:
-    """Evaluate the run of a branch against the first branch."""
     import numpy as np
 
     from twin.kernel.recording.reader import read

@@ -50,7 +50,6 @@ def labelled_lines(label: str, text: str, whole: bool = False) -> list[str]:
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Format column titles and rows as a Markdown table."""
     lines = [f"| {' | '.join(cells)} |" for cells in (head, *rows)]
     return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])
 
@@ -66,7 +65,6 @@ def join_names(names: Sequence[str], most: int) -> str:
 
 
 def count_text(count: int, noun: str) -> str:
-    """Format a count with its noun: `1 run`, `2 runs`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
@@ -190,7 +188,6 @@ def render_text(result: Result) -> str:
 
 
 def lay_out(blocks: Sequence[Block]) -> str:
-    """Render tables and notes as text, one below the other."""
     return "\n".join(line.rstrip() for block in blocks for line in _lines(block))
 
 

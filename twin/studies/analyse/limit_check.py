@@ -74,7 +74,6 @@ class LimitCheck:
 def check_limit(
     experiment: Experiment, point: OperatingPoint, law: str, predicted: float | None, drives: Sequence[DriveModel]
 ) -> LimitCheck:
-    """Check a predicted gain limit in the co-simulation, just below and just above it."""
 
     @cache
     def lasting(factor: float) -> LastingNudges:

@@ -84,7 +84,6 @@ def point_name(point: OperatingPoint) -> str:
 
 
 def loop_name(name: str) -> str:
-    """Return the displayed name of a control loop, such as `position z`."""
     return name.replace("_", " ")
 
 

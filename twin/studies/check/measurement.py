@@ -132,7 +132,6 @@ def split_signal(signal: str) -> tuple[str, int | None]:
 
 
 def run_for_measures(experiment: Experiment) -> Signals:
-    """Run an experiment in this process and return its signals for the measures."""
     run = Trace()
     with assemble(experiment) as assembly:
         refuse_unknown(experiment, assembly.system)

@@ -111,7 +111,6 @@ class Comparison:
 
     @property
     def is_inside(self) -> bool:
-        """Whether every compared signal stays in its tolerance tube."""
         return not self.outside_rows
 
     JSON_KEYS = "a b identical inside=is_inside covered=least_coverage.1 shift=shift.seconds rows only_a only_b notes"

@@ -66,7 +66,6 @@ class Rule:
     dt: float | None = None
 
     def fits(self, signal: str) -> bool:
-        """Whether the tolerance rule applies to a signal."""
         return matches(self.pattern, signal)
 
 
@@ -189,7 +188,6 @@ class Tube(NamedTuple):
     upper: Curve
 
     def widen(self, tolerance: float) -> "Tube":
-        """Return the tube widened by `tolerance` below and above."""
         return Tube(self.lower - tolerance, self.upper + tolerance)
 
     def excess(self, values: Curve) -> Curve:
@@ -273,7 +271,6 @@ def alignment(kind: str, signal: str = "", max_shift: float = 1.0) -> Alignment:
 
 
 def time_shift(a: Log, b: Log, how: Alignment) -> TimeShift:
-    """Compute the time shift that aligns the second log with the first."""
     if how.kind == "none":
         return TimeShift()
     if how.kind == "start":

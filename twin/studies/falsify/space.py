@@ -171,7 +171,6 @@ class Space:
         return magnitude_between(one, share, self.tick, slowest(one, SEQUENCE_SEPARATOR in kind and number == 1))
 
     def first_alone(self, wrong: TriedFault) -> TriedFault:
-        """Return the first fault of an ordered pair, without the second."""
         kind, target = wrong.kind.partition(SEQUENCE_SEPARATOR)[0], wrong.target.partition(PAIR_SEPARATOR)[0]
         size = self.magnitude(kind, wrong.shares[0])
         return replace(wrong, kind=kind, target=target, magnitude=size, shares=(), delay=0)

@@ -41,7 +41,6 @@ class UnviolatedKinds:
     def from_search(
         cls, space: Space, tried: Sequence[TriedFault], ended: Mapping[TriedFault, EarlyEnd], violating: Collection[str]
     ) -> Self:
-        """Collect the fault kinds without a violation, and the gaps, from a finished search."""
         kinds = [kind for kind in space.kinds if kind not in violating]
         places = {kind: space.places(kind) for kind in kinds}
         # a run that was refused tried nothing

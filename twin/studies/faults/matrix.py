@@ -72,7 +72,6 @@ class FaultRow:
 
     @property
     def is_largest(self) -> bool:
-        """Whether the fault has the largest magnitude of its kind in the catalogue."""
         magnitudes = FAULT_KINDS[self.kind].magnitudes
         return magnitudes is None or self.magnitude == magnitudes[-1]
 

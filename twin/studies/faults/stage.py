@@ -96,11 +96,9 @@ class Stage:
         return watched, watched if same else self.run(faults, watched=False)
 
     def reaction(self, faults: Sequence[Fault], watched: bool = True) -> Reaction:
-        """Run the experiment with `faults`, with the monitor or without, and return the reaction."""
         return reaction(self.run(faults, watched), self.experiment, _onset(faults))
 
     def reactions(self, faults: Sequence[Fault]) -> tuple[Reaction, Reaction]:
-        """Run the experiment with `faults` twice, and return the reactions with the monitor and without."""
         watched, unwatched = self.both(faults)
         one = reaction(watched, self.experiment, _onset(faults))
         return one, one if unwatched is watched else reaction(unwatched, self.experiment, _onset(faults))

@@ -20,7 +20,6 @@ def display_value(value: float, unit: str) -> float:
 
 
 def display_unit(unit: str) -> str:
-    """Return the display unit of reports for a quantity with the given SI unit."""
     return DISPLAY_UNITS.get(unit, (1.0, unit))[1]
 
 

@@ -77,7 +77,6 @@ class Identification:
 
     @property
     def separates_eta(self) -> bool:
-        """Whether stiffness k_s and efficiency eta are determined separately."""
         return self.quantities["k_s"].found is not None
 
     def estimate(self, name: str) -> Estimate:

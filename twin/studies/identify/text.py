@@ -159,7 +159,6 @@ def _list(names: Sequence[str]) -> str:
 
 
 def _paper(one: Identification) -> list[Block]:
-    """Create the table of the paper's calibration procedure and its bias."""
     press = one.one_pose
     if press is None:
         return [note("paper", "no gradual press in one place, so Sec. III.A cannot be followed", whole=True)]

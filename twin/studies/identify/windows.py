@@ -64,7 +64,6 @@ class Windows(NamedTuple):
     length: float
 
     def select(self, chosen: NDArray[np.bool_]) -> "Windows":
-        """Select windows of slow motion by a mask (n,)."""
         columns: dict[str, Any] = {name: getattr(self, name)[chosen] for name in self._fields if name != "length"}
         return self._replace(**columns)
 
@@ -143,7 +142,6 @@ def _slope(t: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def in_air(seen: Windows) -> NDArray[np.bool_]:
-    """Check for each window (n,) whether the robot is in free air."""
     return (seen.highest < MAX_AIR_FORCE) & (seen.lowest > -MAX_AIR_FORCE)
 
 

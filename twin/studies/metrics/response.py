@@ -159,7 +159,6 @@ def crossing_time(t: Curve, y: Curve, level: float) -> float:
 
 
 def rms(x: Curve) -> float:
-    """Compute the root mean square of samples."""
     return float(np.sqrt(np.mean(np.square(x))))
 
 

@@ -107,7 +107,6 @@ def judge_claim(claim: Claim, runs: Any) -> ClaimFinding:
 
 
 def finding_to_dict(finding: ClaimFinding) -> dict[str, object]:
-    """Convert the verdict on a claim to a JSON-compatible dict: claim, measured value, bounds, verdict."""
     claim = finding.claim
     return {
         "claim": claim.key,

@@ -285,7 +285,6 @@ def _task_scores(recording: Recording) -> list[TaskScore]:
 
 
 def manner(task: Task) -> str:
-    """Format the values that a massage task requests as text."""
     match task:
         case Press():
             return f"{task.force:g} N for {task.hold:g} s"

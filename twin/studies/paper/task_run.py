@@ -55,7 +55,6 @@ class TaskRun:
 
     @cached_property
     def _window(self) -> slice:
-        """Slice of the plant's samples during this task."""
         on = (self.recording["controller.task"] == self.number) & (self.recording["controller.phase"] != PhaseKind.DONE)
         ticks = np.flatnonzero(on[self._sample_indices])
         return slice(ticks[0], ticks[-1] + 1) if len(ticks) else slice(0, 0)

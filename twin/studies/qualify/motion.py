@@ -180,7 +180,6 @@ def overload(plan: DrivePlan) -> Response:
 
 
 def stall_torque(plan: DrivePlan, done: Response) -> Measure:
-    """Measure a drive's stall torque."""
     if not _is_stall(done.theta_m):
         return Measure("stall_torque", None, f"more than {MAX_LOAD:g} N m")
     found = ramped_torque(done)
@@ -302,7 +301,6 @@ def _tolerance_error(plan: DrivePlan, cycle: Response) -> tuple[float, float]:
 
 
 def _angle_difference(one: Response, other: Response) -> float:
-    """Return the largest difference of the motor angle (rad) between two responses."""
     return float(np.max(np.abs(one.theta_m - other.theta_m)))
 
 

@@ -287,7 +287,6 @@ def component_facts(done: PartAssessment) -> dict[str, object]:
 
 
 def _contract(role: str) -> Table:
-    """Return a table of the ports of a role that a third-party part can take."""
     contract = ROLE_CONTRACTS[role]
     rows = [
         (arrow, _port_text(port), port.unit, port.meaning + " (needed)" * (port.name in needed))

@@ -64,7 +64,6 @@ def proposal(description: FmuDescription) -> tuple[str, bool]:
 
 
 def _command_lines(command: Command, sure: bool) -> list[str]:
-    """Return the lines of a mapping.toml for command, sign and gear ratio of a drive."""
     doubt = "" if sure else "   # or one of: " + ", ".join(f'"{other}"' for other in COMMAND_ROLES if other != command)
     return [
         f'command = "{command}"{doubt}',
@@ -129,7 +128,6 @@ def _line(role: Role, name: str, variable: Variable) -> str:
 
 
 def toml_string(name: str) -> str:
-    """Format a text as a TOML string."""
     return json.dumps(name, ensure_ascii=False)
 
 
@@ -265,7 +263,6 @@ def _from_system(file: Path) -> NewMapping:
 
 
 def _fmu_entries(package: Package) -> dict[str, str]:
-    """Return the archive entry of each FMU in an SSP, by part name."""
     found = package.structure.system.elements
     if not found or len(found) > MAX_PARTS:
         raise InputRefused(f"{package.file}: {len(found)} parts; expected 1 to {MAX_PARTS}")

@@ -350,7 +350,6 @@ class Attempts:
 
 
 def _qualification(plan: DrivePlan, attempts: Attempts, curves: BenchCurves) -> Qualification:
-    """Assemble a drive's qualification, with checks and measures in the order of their definitions."""
     roles = ", ".join(binding.port.name for binding in plan.bindings)
     axes = "; three axes commanded alike, the first measured" if plan.axes == 3 else ""
     failures = list(dict.fromkeys(attempts.failures))

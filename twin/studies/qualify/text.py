@@ -47,7 +47,6 @@ TIME_BEFORE, TIME_AFTER = 0.02, 0.25
 
 
 def qualification_result(facts: dict[str, Any], references: str, picture: Path, holds: bool) -> Result:
-    """Return the report of a drive's qualification: the verdict, then the evidence."""
     verdict = "QUALIFIED" if facts["qualified"] else "NOT QUALIFIED: " + ", ".join(facts["failed"])
     versions = " + ".join(fmu["standard"] for fmu in facts["fmus"])
     checks = [(check["verdict"], name, check["detail"]) for name, check in facts["checks"].items()]

@@ -232,7 +232,6 @@ def parameters_of(content: bytes, where: str, description: FmuDescription) -> di
 
 
 def series_of(content: bytes, where: str) -> Series:
-    """Parse signals over time from a CSV file's content."""
     numbers = BOOLEAN_FIELD.sub(lambda field: b"1" if field[0].lower() == b"true" else b"0", content)
     table = parse_table(Path(where), io.BytesIO(numbers))
     time = table.head[0]
@@ -388,7 +387,6 @@ class SignalDeviation(NamedTuple):
 
 
 def deviations(run: BareRun, results: Series) -> list[SignalDeviation]:
-    """Compute the deviation of each signal of an FMU's run from the reference results."""
     within = results.t <= (1.0 + 1e-9) * run.t[-1]
     t = results.t[within]
     if not len(t):
@@ -544,13 +542,11 @@ def drive_references(table: Drive, apart: bool) -> list[References]:
 
 
 def refusal_answer(came: Sequence[References], refusal: str) -> Answer:
-    """Return the answer for an FMU that is refused as a drive after its reference experiments ran."""
     facts = {"qualified": False, "refused": refusal, "references": [one.to_dict() for one in came]}
     return Answer(references_text(came), facts, 2)
 
 
 def references_text(found: Sequence[References]) -> str:
-    """List the reference experiments of each FMU of a drive with their outcomes, as text."""
     lines = []
     for one in found:
         lines += wrap_text(f"came with {one.file.name}:")

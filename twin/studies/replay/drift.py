@@ -56,7 +56,6 @@ class Drift:
 
     @property
     def matches(self) -> bool:
-        """Whether the residual shows no changed mean, i.e. raised no alarm."""
         return bool(np.isnan(self.alarm))
 
     @property
@@ -66,7 +65,6 @@ class Drift:
 
     @property
     def threshold(self) -> float:
-        """Alarm threshold H of the cumulative sums."""
         return DECISION_FACTOR * self.sigma
 
 

@@ -69,7 +69,6 @@ def load_model(path: Path, settings: Iterable[str] = ()) -> RobotModel:
 
 
 def model_of(experiment: Experiment) -> RobotModel:
-    """Extract the believed robot of an experiment."""
     refuse_third_party_parts(experiment, "a replay", OWN_PARTS)
     values = {name: experiment.values[name] for name in MODEL_TABLES if name in experiment.values}
     return _model(experiment.name, values, **{name: getattr(experiment, name) for name in MODEL_TABLES})

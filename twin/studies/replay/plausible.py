@@ -201,7 +201,6 @@ class MapCheck:
 
 
 def _factor(way: str) -> float:
-    """Return the factor of the angles for a correction of the column map."""
     sign, unit = MAP_CORRECTIONS[way]
     return sign * (np.pi / 180.0 if unit else 1.0)
 

@@ -69,7 +69,6 @@ class Replay:
 
     @property
     def statistics(self) -> dict[str, Statistics]:
-        """Statistics of the force residuals, by force."""
         return {name: statistics(one) for name, one in self.forces.items()}
 
     @property

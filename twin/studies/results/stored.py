@@ -290,7 +290,6 @@ def run_lines(run: StoredRun) -> list[str]:
 
 
 def verdict(run: StoredRun) -> str:
-    """Return the result of a stored run in a few words."""
     if not run.is_finished:
         return f"not finished: ends at {run.end_time:.3g} s"
     words = []
@@ -335,7 +334,6 @@ def difference_lines(differences: Differences, why: str) -> list[str]:
 
 
 def size_text(size: float) -> str:
-    """Format a number of bytes: `7.0 MB`."""
     for unit in ("B", "kB", "MB", "GB"):
         if size < 1000.0 or unit == "GB":
             return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
@@ -399,7 +397,6 @@ def removable_runs(results: Path, experiments: Sequence[str], keep: int) -> list
 
 
 def removal_text(doomed: Sequence[StoredRun]) -> str:
-    """List the stored runs to be removed as text, for confirmation."""
     lines = [f"{count_text(len(doomed), 'run')}, {size_text(sum(run.size for run in doomed))}, would go:"]
     for experiment, runs in groupby(doomed, lambda run: run.experiment):
         lines += [experiment, *(line for run in runs for line in run_lines(run))]

@@ -233,7 +233,6 @@ def tables_of(cause: Cause, sizes: Sequence[float | None], onset: float, seed: i
 
 
 def add_reference_runs(stage: Stage, run: EvidenceRun) -> EvidenceRun:
-    """Add the reactions without the monitor and with an ideal one to `run`, and return it."""
     faults = faults_of(stage.experiment, run.tables)
     seen = None if run.watched is None else run.watched.seen
     ideal = None if seen is None else stage.ideal_reaction(faults, seen)

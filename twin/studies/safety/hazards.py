@@ -160,7 +160,6 @@ class SafetyTable:
 
 
 def read_hazards(path: Path) -> SafetyTable:
-    """Read and check the hazard table of a file."""
     values = dict(read_source(path).values)
     mistakes: list[str] = []
     tables = {key: values.pop(key, ()) for key in ("hazard", "threshold", "variant")}

@@ -124,7 +124,6 @@ def seen_text(line: HazardLine) -> str:
 
 
 def value_text(line: HazardLine, run: Reaction | None) -> str:
-    """Format the limited quantity of one run with its unit."""
     if run is None:
         return "-"
     value, unit = line.limited_value(run), line.hazard.limit_key.rpartition("_")[2]

@@ -145,7 +145,6 @@ class WatchEvent:
     alarm: bool = False
 
     def __str__(self) -> str:
-        """Describe the change of the watch's state in a sentence."""
         if not self.channel:
             return f"{self.state}{f': {self.found}' if self.found else ''}"
         unit = "" if CHANNELS[self.channel][2] == "1" else f" {CHANNELS[self.channel][2]}"
@@ -288,7 +287,6 @@ class ShadowWatch:
 
     @property
     def alarms(self) -> list[WatchEvent]:
-        """Alarms raised so far."""
         return [change for change in self.changes if change.alarm]
 
     def add_block(self, t: float, means: Sequence[float] | NDArray[np.float64]) -> list[WatchEvent]:
@@ -319,7 +317,6 @@ class ShadowWatch:
             )
 
     def change_tolerances(self, t: float, limits: Tolerances) -> None:
-        """Restart the watch with other tolerances at `t` (s)."""
         self._limits = limits
         self.restart(t)
 

@@ -273,11 +273,9 @@ class Branching:
         return self._run_ahead()
 
     def _save_drives(self) -> None:
-        """Save the state of the drives before branches change it."""
         self._away = self._away or self._drive_places.save_state(self._at)
 
     def _restore_drives(self) -> None:
-        """Restore the drives to their state before the branches."""
         if self._away:
             self._drive_places.restore_state(self._away)
             self._away.close()
@@ -305,7 +303,6 @@ class Branching:
         return found
 
     def _set_state(self, now: RobotSnapshot, other: BranchChange) -> None:
-        """Set the whole system to the start of a branch, with its change."""
         self._save_drives()
         self._places.restore_state(self._fresh)
         self._drive_places.restore_state(now.drives)

@@ -122,7 +122,6 @@ class ContactEstimate:
         return found
 
     def _solve_zeros(self) -> None:
-        """Solve the least-squares fit of encoder zeros and dry friction."""
         found = np.asarray(np.linalg.solve(self._prior + self._A, self._before + self._b), dtype=np.float64)
         found[3] = min(max(found[3], 0.0), MAX_FRICTION)
         self.zeros = found

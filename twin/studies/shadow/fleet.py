@@ -78,7 +78,6 @@ class Fleet:
         return self.robots + self.corners
 
     def twin(self) -> Experiment:
-        """Load the experiment that the twin believes of every robot."""
         return load_experiment(self.experiment, self.settings)
 
     def run(self, number: int, settings: Sequence[str] = ()) -> RobotSamples:
@@ -225,7 +224,6 @@ def fleet_limits(fleet: Fleet, thinned: Sequence[int] = (1,), say: Say = ignore_
 
 
 def watch_blocks(ends: Sequence[float], means: NDArray[np.float64], watch: ShadowWatch) -> list[WatchEvent]:
-    """Run the watch over the blocks of one robot, and return its alarms."""
     for t, one in zip(ends, means, strict=True):
         watch.add_block(t, one)
     return watch.alarms

@@ -170,7 +170,6 @@ class RobotState:
         self._made.append((y, self._estimated.save()))
 
     def estimate(self, sample: int) -> StateEstimate:
-        """Return the state estimate after a sample of the last slice."""
         x, P, J = np.split(self._estimates[sample].view(np.float64).copy(), (STATES, STATES + STATES * STATES))
         return StateEstimate(x, P.reshape(STATES, STATES), J.reshape(3, 3))
 
@@ -190,7 +189,6 @@ class RobotState:
     def _widen_deviations(
         self, found: NDArray[np.float64], estimates: NDArray[np.uint8], rows: Rows
     ) -> NDArray[np.float64]:
-        """Replace the filter's deviations in rows by the deviations for a healthy robot."""
         y, tau_l = values_by_port(OUTPUTS, found), values_by_port(ESTIMATOR_OUTPUTS, rows["estimator"])["tau_l"]
         J = np.ascontiguousarray(estimates[:, -9 * 8 :]).view(np.float64).reshape(-1, 3, 3)
         found[:, DEVIATION_COLUMNS] = self._healthy.widen(y["deviation"], y["NIS"], y["used"], J, tau_l)
@@ -240,7 +238,6 @@ class AlarmWatch:
 
     @property
     def changes(self) -> list[WatchEvent]:
-        """Changes of the alarm's state so far."""
         return self._watch.changes if self._watch else []
 
     def change_rate(self, t: float, rate: float) -> None:
@@ -340,7 +337,6 @@ class Twin:
         return {topic: ports for part in self.parts for topic, ports in part.topics.items()}
 
     def feed(self, samples: RobotSamples) -> Rows:
-        """Process `samples` with all parts of the twin, and return their rows."""
         rows: Rows = {}
         for part in self.parts:
             rows |= part.feed(samples, rows)
@@ -372,7 +368,6 @@ class Twin:
 
     @property
     def adaptations(self) -> Sequence[Adaptation]:
-        """Accepted proposals of changed parameters."""
         return self._reidentifier.adaptations if self._reidentifier else ()
 
     def accept(self, proposal: Adaptation) -> bool:

@@ -206,7 +206,6 @@ class ShadowViewer:
         return text or ""
 
     def say(self, line: str) -> None:
-        """Show the status line to the viewers."""
         self._button.line = line
         self._server.send_parameters([LINE_PARAMETER])
 

@@ -74,7 +74,6 @@ class Receiver:
         return self._thread.native_id
 
     def start(self) -> None:
-        """Start the thread that receives messages."""
         self._thread.start()
 
     def stop(self) -> None:

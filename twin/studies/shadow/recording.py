@@ -65,7 +65,6 @@ class ShadowRecording:
         self._writer.end_slice()
 
     def event(self, happening: Happening, level: str = "WARNING") -> None:
-        """Write an event to the recording."""
         self._writer.write_event(max(0, round(happening.t / NANOSECOND_TICK)), level, happening.text, "shadow")
 
     def flush(self) -> None:
@@ -78,5 +77,4 @@ class ShadowRecording:
         return self._writer.finish()
 
     def abandon(self) -> Path:
-        """Close the incomplete recording; return its path."""
         return self._writer.abandon()

@@ -85,7 +85,6 @@ def open_source(
 
 
 def live_source(transport: str, name: str) -> RobotSource:
-    """Open a live source of robot messages by the name of its transport."""
     if transport == "zenoh":
         from twin.kernel.recording.sources.zenoh_topics import ZenohSource
 

@@ -214,7 +214,6 @@ def shadow_facts(followed: SessionSummary, name: str) -> dict[str, object]:
 
 
 def _change(one: WatchEvent) -> dict[str, object]:
-    """Convert a change of the alarm's state with its evidence to JSON."""
     evidence = {"channel": one.channel, "unit": CHANNELS[one.channel][2], "size": one.size, "since_s": one.since,
                 "level": one.level} if one.channel else {}  # fmt: skip
     return {"t_s": one.t, "state": str(one.state), "alarm": one.alarm, "text": str(one), **evidence}

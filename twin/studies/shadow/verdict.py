@@ -166,7 +166,6 @@ def gross_disagreement(residuals: Mapping[str, RunningStatistics], mistake: str 
 
 
 def verdict_of(followed: SessionSummary) -> Verdict:
-    """Judge a finished session: robot and twin match, diverge, or were not watched."""
     alarm = next((one for one in followed.changes or () if one.alarm), None)
     if alarm is not None:
         caution = f"; {followed.caution}" if followed.caution else ""

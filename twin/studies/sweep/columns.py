@@ -122,7 +122,6 @@ def cache_per_columns(
 
 
 def columns_of(rows: Sequence[Row]) -> Columns:
-    """Convert a sweep's rows to columns, in the same order."""
     found: dict[str, Column] = {
         name: np.array([row[name] for row in rows], np.float64) for name in ("run", "seconds", "stepping_s")
     }
@@ -151,7 +150,6 @@ def _columns(tables: Sequence[dict[str, Any]]) -> Iterator[tuple[str, list[Any]]
 
 
 def concatenate_columns(parts: Sequence[Columns]) -> Columns:
-    """Concatenate the rows of several `Columns`, at least one."""
     names = dict.fromkeys(chain.from_iterable(part.by_name for part in parts))
     return Columns(
         {name: _concatenate_parts([(part.by_name.get(name), len(part)) for part in parts]) for name in names}

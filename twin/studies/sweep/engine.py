@@ -78,7 +78,6 @@ class LocalEngine:
         self._processes = processes
 
     def results(self, job: Job, tasks: Sequence[Task]) -> Generator[list[Result]]:
-        """Make the runs of a sweep in local processes and yield the results."""
         with run_pool(job, min(self._processes, len(tasks))) as pool:
             for batch in pool.answers(tasks):
                 if batch:

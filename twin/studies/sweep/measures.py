@@ -62,7 +62,6 @@ class RunFinding:
 
     @property
     def row_fields(self) -> dict[str, Any]:
-        """Outcome of a run as fields of its row, for JSON."""
         return {
             "status": self.status,
             "reason": self.reason,
@@ -91,7 +90,6 @@ def metric_names(measures: Sequence["Measure"]) -> tuple[str, ...]:
 
 
 def require_metric(place: str, metric: str, known: Sequence[str]) -> str:
-    """Return the name of a metric after checking that it is known."""
     if metric not in known:
         raise InputRefused(f"{place} {metric}: no such metric; {nearest(metric, known)}")
     return metric

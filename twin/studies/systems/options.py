@@ -115,7 +115,6 @@ class MasterOptions:
     ] = False
 
     def choice(self) -> MasterChoice:
-        """Convert the options of the co-simulation master to the kernel's form, in SI."""
         if self.start_s is not None and not 0.0 <= self.start_s < math.inf:
             raise InputRefused(f"--start-s {self.start_s:g}: expected a number, 0 or more")
         return MasterChoice(

@@ -279,7 +279,6 @@ def write_system(
 def write_ssp(
     package: Package, choice: MasterChoice, out: Path | None, compiled: bool, additions: Additions
 ) -> tuple[SystemPlan, Path]:
-    """Write a system of FMUs as an SSP archive and return its plan and the file."""
     from twin.kernel.systems.to_ssp import ssp_archive
 
     file = out or Path(f"{package.structure.system.name}.ssp")

@@ -247,7 +247,6 @@ def _midpoint_predictions(
 
 
 def schedule_parts(done: GainSchedule) -> list[Block]:
-    """Return the report of a designed gain schedule: the verdict, then each point."""
     return [
         *_verdict(done),
         "",

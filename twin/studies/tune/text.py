@@ -202,7 +202,6 @@ def _runs(done: TuningResult) -> Iterator[Block]:
 
 
 def _touch_down(whole: WholeRun) -> str:
-    """Format overshoot, settling time and hold error of a simulated run."""
     if whole.outcome is None or whole.trip:
         return f"{'safety trip' if whole.trip else 'failed':^26}"
     overshoot, settling = whole.measure_text(HOLD_OVERSHOOT), whole.measure_text(HOLD_SETTLING)

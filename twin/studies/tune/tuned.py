@@ -125,7 +125,6 @@ def misses(prediction: Prediction, goals: Goals) -> Iterator[Miss]:
 
 
 def worst_misses(predictions: Sequence[Prediction], goals: Goals) -> list[Miss]:
-    """Return the worst miss of each tuning goal that is missed at any corner."""
     worst: dict[str, Miss] = {}
     for prediction in predictions:
         for miss in misses(prediction, goals):
@@ -368,7 +367,6 @@ class TuningResult:
 
     @property
     def contradictions(self) -> list[str]:
-        """Descriptions of results of the tuned gains that the co-simulation does not confirm."""
         doubts = []
         for prediction in self.after.predictions:
             M_s = prediction.sensitivity

@@ -309,6 +309,5 @@ def disk_margin(loops: Loops, gains: dict[str, float], breaks: Sequence[str]) ->
 
 
 def _refined_frequencies(omega: Matrix, which: int) -> Matrix:
-    """Return additional frequencies between the neighbours of one frequency of a grid."""
     low, high = omega[max(which - 1, 0)], omega[min(which + 1, len(omega) - 1)]
     return np.unique(np.concatenate([np.geomspace(low, high, 2 * REFINED_POINTS + 1), [omega[which]]]))

@@ -157,7 +157,6 @@ def difference(who: str, theirs: dict[str, str] | BaseException, ours: dict[str,
 
 
 def refusal(difference: str) -> str:
-    """Return the error message for a machine of the cluster with other versions than this one."""
     return (
         f"--engine dask: {difference}; runs would not give the same numbers everywhere: "
         "install the same on all machines (docs/sweep.md)"

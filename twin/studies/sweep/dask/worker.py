@@ -95,7 +95,6 @@ class EndPlugin(SchedulerPlugin):
 
 
 def run_tasks(name: str, tasks: Sequence[Task]) -> list[RunFacts]:
-    """Make runs of a sweep in a Dask worker and return their fields."""
     plugin = get_worker().plugins[name]
     assert isinstance(plugin, SweepPlugin)
     return plugin.results(tasks)

@@ -101,7 +101,6 @@ def _cells(along: Numbers, cells: int) -> NDArray[np.int64]:
 
 
 def draw_front(sweep: SweepRows, asked: SweepQuery, path: Path) -> None:
-    """Draw the Pareto front and all ranked runs of a sweep to `path` (PNG)."""
     with picture(path, 7.5, 4.8) as figure:
         axes = figure.subplots()
         columns = sweep.columns
