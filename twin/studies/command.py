@@ -38,7 +38,6 @@ class Option:
     """An option of a study's command line, named `--like-this` after the function's argument.
 
     Attributes:
-        help: help text, one sentence.
         flags: additional names: "--overshoot-percent", "-j --processes", "--try/--no-try".
         least, most: bounds of a number.
         complete: source of shell completions: "experiment", "experiment name", "drive", "body", "setting" or "role".

@@ -34,10 +34,7 @@ PAPER_BLUE, PAPER_YELLOW, PAPER_ORANGE = "#2f6db5", "#eab308", "#e2661a"
 """Colours named in the caption of Fig. 4; their lightness also distinguishes them in print."""
 JOINT_COLORS = (PAPER_BLUE, "#8e44ad", "#2e7d32")
 LESS_IS_BETTER = "cividis_r"
-"""Colour map for quantities that should be small.
-
-In every map light is good, so that all maps read alike, also in print; suitable for colour-blind readers.
-"""
+"""Colour map for small quantities: light is good in every map, also in print and for colour-blind readers."""
 LIGHT_IS_GOOD = "(light is better)"
 INK, GREY, RED = "#1c1c1c", "#8c8c8c", "#c62828"
 Look = Mapping[Any, bool | float]
@@ -148,7 +145,6 @@ def picture(
 
     Args:
         width, height: in inches.
-        by_hand: whether the drawing code places the panels.
         look: changes to `PICTURE_STYLE`: `BARE_STYLE` or `MAP_STYLE`.
     """
     from matplotlib import rc_context, rcParamsDefault

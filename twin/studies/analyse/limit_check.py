@@ -91,9 +91,7 @@ def borders(expected: float) -> tuple[float, float]:
 
 
 def bracket(lasts: Callable[[float], bool], expected: float, ends: bool = True) -> tuple[float | None, float | None]:
-    """Bracket the gain limit in the co-simulation, starting at the predicted factor.
-
-    Returned are the highest tried factor whose nudges all die out, and the next one, whose nudges last.
+    """Bracket the limit by the highest tried factor whose nudges all die out and the next one, starting at `expected`.
 
     An end is None if it is too far from `expected`. The two are `borders(expected)` if the limit is between them, else
     their ratio is at most `BRACKET_RATIO`.

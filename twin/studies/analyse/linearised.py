@@ -38,12 +38,7 @@ ZERO_GAINS = Gains(0.0)
 
 @dataclass(frozen=True)
 class LinearPoint:
-    """The linear model of the loops at one operating point.
-
-    Attributes:
-        loops: all loops, open; see `twin.studies.analyse.linear.loops.open_loops`.
-        gains: 1 for each loop that is closed at the point.
-    """
+    """The open loops at one operating point, see `open_loops`; `gains` is 1 for each loop closed there."""
 
     point: OperatingPoint
     loops: Loops
@@ -58,7 +53,6 @@ class Linearisation:
         points: operating points; the drives are identified under their mean load.
 
     Attributes:
-        drives: one model per joint.
         labels: names of the drives in reports.
     """
 

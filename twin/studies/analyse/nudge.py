@@ -42,11 +42,7 @@ NO_LIMIT = {"speed_limit": 1000.0, "dead_zone": 0.0, "tissue": None, "breath": N
 
 
 class ResidualSwing(NamedTuple):
-    """Swings of the platform before and long after a nudge, peak to peak in the worst direction (m).
-
-    Attributes:
-        after: swing at the end; infinite if the platform went far off or a component failed.
-    """
+    """Peak-to-peak swings (m), worst direction, before and long after a nudge; infinite after divergence or failure."""
 
     before: float
     after: float

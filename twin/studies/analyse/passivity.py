@@ -84,7 +84,6 @@ class PointPassivity:
         admittance: (n, 3, 3), m/s per N.
         springs: stiffness (3,) with the motors and the other axes held (N/m).
         bands: axis, or "all" for the three at once -> band; None if passive.
-        worst: the mass on a spring that swings most with the robot.
     """
 
     point: OperatingPoint
@@ -106,7 +105,6 @@ class Passivity:
     """Result of the passivity analysis of a robot.
 
     Attributes:
-        problems: messages about points that have no linear model.
         width: None if no force loop presses.
         trial: check in the co-simulation; None without a mass to try.
     """

@@ -40,7 +40,6 @@ class PointStability:
     """Stability of the loops at one operating point; margins only where it is stable, else they have no meaning.
 
     Attributes:
-        stable: whether every pole is inside the unit circle.
         poles: slowest decay first.
         disks: disk margins of all loops at once, opened at the "laws", at the "motors", or at "both".
         sensitivity: largest singular value of the sensitivity of all loops at once; None if unstable.
@@ -92,12 +91,7 @@ class StabilityMap:
 
 @dataclass(frozen=True)
 class Stability:
-    """Result of the linear stability analysis of an experiment.
-
-    Attributes:
-        problems: messages about points that have no linear model.
-        maps: empty if no surface is pressed.
-    """
+    """Result of the linear analysis: points, messages on points without a model, maps (empty if nothing is pressed)."""
 
     experiment: Experiment
     shared: Linearisation

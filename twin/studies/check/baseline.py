@@ -45,11 +45,7 @@ class _Table(BaseModel):
 
 
 class BaselineMetric(_Table):
-    """A number of a regression baseline; a change by more than its bound in either direction is a deviation.
-
-    Attributes:
-        keep: whether the bound was chosen by a user, so that updates leave it.
-    """
+    """A number of a baseline; a change beyond its bound deviates. Updates `keep` the bounds that a user chose."""
 
     value: Number
     unit: str

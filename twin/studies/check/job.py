@@ -202,11 +202,7 @@ def _outcome(pair: Pair, date: str, reason: str) -> CheckOutcome:
 
 
 def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> list[CheckOutcome]:
-    """Check pairs of experiment and drive in several processes and return their outcomes in order.
-
-    Args:
-        processes: number of parallel processes; 0 to run in this process, which a crashing drive then ends.
-    """
+    """Check pairs in several processes (0: in this one, which a crash ends); return outcomes in order."""
     arguments: dict[str, Any] = {"date": date.today().isoformat(), "reason": reason}
     found: dict[Pair, CheckOutcome] = {}
 

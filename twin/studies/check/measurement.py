@@ -93,12 +93,7 @@ def floor_of(unit: str) -> float:
 
 @dataclass(frozen=True)
 class Signals:
-    """Signals of a completed run at every tick, by the names used in [[measure]] tables.
-
-    Attributes:
-        believed: geometry of the controller's model.
-        fmus: file name -> SHA-256 of every FMU of the run.
-    """
+    """Signals of a completed run at every tick, by their names in [[measure]]; `fmus`: file name -> SHA-256."""
 
     run: Trace
     believed: Geometry

@@ -29,10 +29,7 @@ TICK_SHARES = (2.0, 1.0, 0.5, 0.25, 0.125)
 
 @dataclass(frozen=True)
 class TickPoint:
-    """One run of a coupling study: tick (s), largest error of each signal, wall time per simulated time.
-
-    The errors are SI, infinite if the run failed.
-    """
+    """One run: tick (s), largest error of each signal (SI, infinite if it failed), wall time per simulated time."""
 
     tick: float
     errors: dict[str, float]

@@ -46,10 +46,7 @@ RTOL, ATOL = 1e-9, np.array([1e-10] * 12 + [1e-8] * 2)
 
 
 class ComponentStepper:
-    """A component that is evaluated outside any system, from all its inputs to all its outputs.
-
-    A call raises `ValueError` for a wrong number of inputs, `ComponentFailed` for a bad status.
-    """
+    """A component outside any system; raises `ValueError` for wrong inputs, `ComponentFailed` for a bad status."""
 
     def __init__(self, component: Component):
         self.component = component

@@ -131,8 +131,7 @@ class Judge:
         return onsets
 
     def shares(self, batch: Sequence[TriedFault]) -> list[float]:
-        """Run each fault of `batch`, up to the failure of a component if any, and return its distance from a violation
-        as a share of the healthy distance; infinite for a refused run."""
+        """Run the faults of `batch`; return distances as shares of the healthy one, infinite for a refused run."""
         shares = []
         for wrong, facts in zip(batch, self._run_batch(batch), strict=True):
             distances = {name: self._distance(facts, name) for name in self._scales}

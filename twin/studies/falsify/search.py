@@ -101,8 +101,7 @@ class Search:
         return max(0, self.runs - len(self.tried))
 
     def _try(self, batch: Sequence[TriedFault]) -> list[float]:
-        """Run the faults of `batch`, and return their shares of the healthy distance; infinite for new runs that exceed
-        the maximum."""
+        """Run the faults of `batch`; return their shares of the healthy distance, infinite beyond the run limit."""
         fresh = list(dict.fromkeys(wrong for wrong in batch if wrong not in self.tried))[: self._runs_left]
         if fresh:
             self.tried.update(zip(fresh, self.judge(fresh), strict=True))

@@ -72,11 +72,7 @@ class TriedFault:
 
 
 class EarlyEnd(NamedTuple):
-    """Early end of a run that was refused or failed.
-
-    Attributes:
-        refused: whether it never began because its values are invalid.
-    """
+    """Early end of a run that failed, or was `refused` because its values are invalid and never began."""
 
     refused: bool
     reason: str
@@ -96,7 +92,6 @@ class Space:
     """Search space of faults.
 
     Attributes:
-        base: tables of every run: settings.
         requirements: (name, formula) of each.
         ticks: duration of the experiment; faults begin before it.
         tick: duration of a tick (s).

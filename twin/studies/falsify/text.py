@@ -25,12 +25,7 @@ MAX_SHOWN = 5
 
 @dataclass(frozen=True)
 class UnviolatedKinds:
-    """Fault kinds without a violation, and the gaps of the search.
-
-    Attributes:
-        untried: places without a run, by kind.
-        ended: runs that ended early, by kind, each with the reason.
-    """
+    """Fault kinds without a violation and the gaps of the search: untried places and early ends, by kind."""
 
     untried: Mapping[str, Sequence[Place]]
     places: Mapping[str, int]
@@ -160,12 +155,7 @@ def falsify_result(
     seconds: float,
     folder: Path,
 ) -> Result:
-    """Create the report of `twin falsify`: verdict, requirements, violating and nearest kinds, gaps, and files.
-
-    Args:
-        found: nearest run of each kind, worst first.
-        seconds: total processor time of all runs (s).
-    """
+    """Create the report of `twin falsify`; `found`: worst first; `seconds`: processor time of all runs (s)."""
     violating = [one for one in found if one.share < 0.0]
     verdict = f"{experiment}  VIOLATED by {len(violating)} of {len(space.kinds)} kinds of fault"
     if not violating:

@@ -13,12 +13,7 @@ CLAIMED_SHARE, UPPER_SHARE = 1.0, 2.0
 
 
 class UpperEnd(NamedTuple):
-    """Upper end of the range searched for the worst magnitude of a fault kind.
-
-    Attributes:
-        magnitude: magnitude in the catalogue's unit.
-        why: rule of the monitor, or physics, that limits the effect of a larger fault.
-    """
+    """Upper end of a kind's searched magnitudes, in the catalogue's unit, and the rule or physics behind it."""
 
     magnitude: float
     why: str

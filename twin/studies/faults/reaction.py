@@ -72,13 +72,7 @@ class Reaction:
 
 
 def reaction(run: Outcome, experiment: Experiment, onset: int, digest: bool = True) -> Reaction:
-    """Evaluate the reaction of monitor and robot in a run, from tick `onset` of the fault on.
-
-    Args:
-        experiment: experiment of the run, with its monitor.
-        onset: first tick that counts.
-        digest: whether to compute the digest, which takes 0.5 ms.
-    """
+    """Evaluate the reaction in a watched `experiment` from tick `onset` on; the digest takes 0.5 ms."""
     assert run.trace is not None
     tick = experiment.cosim.tick
     # a run that fails in its first step has no row: the robot has touched nothing

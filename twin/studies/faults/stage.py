@@ -80,11 +80,7 @@ class Stage:
         return touching(self.healthy)
 
     def run(self, faults: Sequence[Fault], watched: bool = True) -> Outcome:
-        """Run the experiment with `faults`, with the monitor or without.
-
-        Raises:
-            InputRefused: a drive FMU or a fault does not fit.
-        """
+        """Run with `faults`, with the monitor or without; raise `InputRefused` if a drive or fault does not fit."""
         monitor = self.experiment.monitor if watched else None
         return self._runs.run(replace(self.experiment, faults=tuple(faults), monitor=monitor))
 

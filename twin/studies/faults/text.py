@@ -28,8 +28,7 @@ UNIT_TEXTS = {
 }
 """Units of the catalogue as people write them, where that differs."""
 SINGULAR_FORCE = 100.0
-"""Force (N) that springs and body of this robot do not make: a mechanism near its singular pose does, before the run
-ends. Larger forces are no forecast."""
+"""Force (N) beyond which the mechanism is near its singular pose, and larger forces are no forecast."""
 FAULT_COLUMNS = (
     Column("largest forces", 20, left=True),
     Column("", 12, left=True),
@@ -73,12 +72,7 @@ def fault_matrix_result(
     together: Sequence[CombinationRow] = (),
     complete: bool = False,
 ) -> Result:
-    """Create the report of a fault matrix: verdict, the worst case of each kind, and the exceptions.
-
-    Args:
-        rows: rows of one matrix, kind by kind; at least one.
-        complete: whether to list the worst case of every kind, in their order, and all exceptions.
-    """
+    """Create the report of one matrix, kind by kind; `complete` for every kind in order, and all exceptions."""
     first = rows[0]
     safe, safe_unwatched = sum(r.is_safe for r in rows), sum(r.is_safe_without_monitor for r in rows)
     failing = any(r.fails for r in rows) or any(r.fails for r in together)

@@ -194,8 +194,7 @@ class CombinationRow:
 
 
 def combinations_of(kind: FaultSet, onset: float, in_contact: bool, kinds: Sequence[str]) -> list[FaultCombination]:
-    """List the combinations of faults of one kind of set; empty for single faults. Ordered pairs begin in contact, the
-    worse case."""
+    """List a kind's combinations, empty for single faults; ordered pairs begin in contact, the worse case."""
     if kind is FaultSet.PAIRS:
         ordered = ordered_pairs(onset, kinds, MATRIX_DELAYS, MATRIX_SLOW_SPEEDS) if in_contact else ()
         return [*pairs(onset, kinds), *ordered]

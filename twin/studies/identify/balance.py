@@ -83,11 +83,7 @@ class Equations(NamedTuple):
 
 
 def pose(belief: Belief, theta_l: NDArray[np.float64]) -> Pose:
-    """Compute kinematics and arm weight at joint angles theta_l (n, 3), rad.
-
-    Raises:
-        Unreachable: some poses do not close.
-    """
+    """Compute kinematics and arm weight at theta_l (n, 3), rad; raise `Unreachable` if some poses do not close."""
     geometry = Geometry(belief.a, belief.b, belief.l_a, belief.l_b)
     p_B = position(geometry, theta_l)
     J = jacobian_rows(geometry, theta_l, p_B)

@@ -29,8 +29,7 @@ DIFFERENCE_STEP = 1e-5
 MAX_STEPS = 12
 """Maximum number of Gauss-Newton steps."""
 RETURNING_STEPS = 6
-"""Number of steps after which excluded windows stay excluded: one at the edge of a dead zone would alternate
-forever."""
+"""Number of steps after which excluded windows stay so, as one at a dead zone's edge would alternate forever."""
 CONVERGED_STEP = 1e-4
 """Step length that ends the search (sizes); the remaining error is its square."""
 MIN_POSITIVE_SHARE = 0.05

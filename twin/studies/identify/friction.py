@@ -20,12 +20,7 @@ SETTLED_TIME = 0.35
 
 
 def friction(springs: Fit, seen: Windows, belief: Belief) -> Estimate | None:
-    """Estimate the coefficient of friction mu under the head from windows of sliding; None without sliding.
-
-    Args:
-        springs: identified springs, whose uncertainty is included.
-        seen: windows in order of time.
-    """
+    """Estimate mu under the head from sliding windows in order of time; None without sliding."""
     at = pose(belief, seen.joint - springs.x[JOINT_ZERO : JOINT_ZERO + 3])
     v = np.linalg.solve(at.J, seen.speed[..., None])[..., 0]
     sliding = _sliding(seen, v[:, :2])
@@ -48,8 +43,7 @@ def friction(springs: Fit, seen: Windows, belief: Belief) -> Estimate | None:
 
 
 def _equations(force: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the factors of mu and beta in the tangential force F_t (2n, 3); `along` (n, 2): direction of each
-    window's motion."""
+    """Compute the factors of mu and beta in F_t (2n, 3); `along` (n, 2): direction of each window's motion."""
     A = np.zeros((2 * len(force), 3))
     A[:, 0] = (force[:, None] * along).ravel()
     A[0::2, 1] = A[1::2, 2] = 1.0

@@ -41,8 +41,7 @@ class NotIdentifiable(TwinError):
 
 @dataclass(frozen=True)
 class Quantity:
-    """Identified quantity of a robot, SI but for `estimate.unit`. meaning: text; believed: value of the experiment or
-    None; found: None if not determined."""
+    """Identified quantity, SI but for `estimate.unit`: meaning, believed value or None, estimate or None."""
 
     meaning: str
     believed: float | None
@@ -54,7 +53,6 @@ class Identification:
     """Result of the identification of a robot.
 
     Attributes:
-        seen: all windows of slow motion.
         one_pose: the paper's procedure on the same log; None without a gradual press.
         inseparable: groups of unknowns that this log cannot separate.
     """
@@ -184,8 +182,7 @@ def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
 
 
 def _stiffness_quantities(found: Fit, belief: Belief, log: Log, motor_torque: bool) -> dict[str, Quantity]:
-    """Collect the stiffness quantities: k_s eta, and k_s and eta separately if motor torque or direction-dependent
-    losses determine them."""
+    """Collect k_s eta, and k_s and eta if motor torque or direction-dependent losses separate them."""
     product = Estimate(float(found.x[KAPPA]), found.half_width(found.direction(KAPPA)), "N m/rad")
     k_s, eta, meaning = None, None, "k_s eta"
     loss, width = float(found.x[LOSS]), found.half_width(found.direction(LOSS))

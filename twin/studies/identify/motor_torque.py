@@ -14,11 +14,7 @@ from twin.studies.identify.windows import Windows
 
 
 def spring_stiffness(springs: Fit, belief: Belief, log: Log) -> Estimate | None:
-    """Estimate k_s (N m/rad) from drive/1.tau_motor to drive/3.tau_motor of `log`; None if the torque does not vary.
-
-    Args:
-        springs: identified springs, whose uncertainty is included.
-    """
+    """Estimate k_s (N m/rad) from drive/1.tau_motor to drive/3.tau_motor; None if the torque does not vary."""
     seen = springs.seen
     torque = np.stack([_mean(log, f"drive/{i}.tau_motor", seen) for i in (1, 2, 3)], axis=1).ravel()
 

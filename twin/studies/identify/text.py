@@ -72,10 +72,8 @@ def identification_result(
     """Create the report of an identification.
 
     Args:
-        name: name of the log.
         files: kind -> path.
         true: values of a run of the twin, SI; empty for other logs.
-        facts: `identification_facts`.
         paper: whether to add the result of the paper's own procedure.
     """
     k = one.quantities["k_s_eta"]

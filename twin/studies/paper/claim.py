@@ -15,11 +15,7 @@ PAPER_CLAIMS, OWN_CHECKS = "claims of the paper's text", "of this run's own chec
 
 @dataclass(frozen=True)
 class KnownMiss:
-    """Explanation of a claim of the paper that the twin is known not to reproduce.
-
-    Attributes:
-        low, high: range explained by `reason`, in the claim's unit; a number outside it fails, as for any other claim.
-    """
+    """Reason for a claim known to be missed, and the range `low` to `high` it explains; outside, the claim fails."""
 
     reason: str
     low: float = -math.inf
@@ -31,7 +27,6 @@ class Claim:
     """One claim of the paper with its measure and bounds.
 
     Attributes:
-        key: short name.
         text: one line for the scorecard.
         figure: figure or section of the claim.
         quote: the paper's words, or our reason for a claim that the paper does not make.

@@ -191,13 +191,7 @@ TASK_CLAIMS: dict[str, tuple[Claim, ...]] = {
 
 @dataclass(frozen=True)
 class TaskScore:
-    """Score of one massage task on the claims of Fig. 5.
-
-    Attributes:
-        name: name of the task within the run, e.g. `push 2`.
-        manner: text of the requested values.
-        findings: in the order of the claims.
-    """
+    """Score of one task, such as `push 2`, with its requested manner, on Fig. 5: findings in claims' order."""
 
     path: Path
     run: TaskRun
@@ -226,12 +220,7 @@ class TaskScore:
 
 @dataclass(frozen=True)
 class Fig5Score:
-    """Score of runs on the claims of Fig. 5.
-
-    Attributes:
-        tasks: in the order of the runs and of their tasks.
-        remarks: a sentence on each run that tripped or is damaged.
-    """
+    """Score on Fig. 5: tasks in the order of the runs, a remark on each run that tripped or is damaged."""
 
     tasks: tuple[TaskScore, ...]
     remarks: tuple[str, ...]

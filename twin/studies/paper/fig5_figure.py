@@ -243,10 +243,7 @@ def _draw_surface(axes: "Axes3D", height: float) -> None:
 
 
 def _moves(run: TaskRun) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
-    """Return (start, vector) of the arrows in mm that show a task's motion in space.
-
-    Down next to the point; around the circle or along the line.
-    """
+    """Return (start, vector), mm, of a task's arrows: down beside the point, or around the circle, along the line."""
     x, y = (1e3 * c for c in run.task.point)
     high, low = -88.0, 1e3 * _height(run) + 1.0
     moves: list[tuple[tuple[float, ...], tuple[float, ...]]] = [((x - 3.0, y, high), (0.0, 0.0, low - high))]

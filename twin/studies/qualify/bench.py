@@ -205,12 +205,7 @@ def response(
 
 
 def refuse_impossible(plan: DrivePlan, system: System, rows: Curve) -> None:
-    """Refuse finite but physically impossible motion of a drive on the bench.
-
-    Args:
-        system: system made by `on_bench`.
-        rows: outputs of the system (ticks, outputs), finite.
-    """
+    """Refuse finite but physically impossible motion in `rows` (ticks, outputs) of a system by `on_bench`."""
     motion = rows[:, [system.columns(f"drive.{name}").start for name in ("theta_m", "omega_m")]]
     beyond = np.abs(motion) > MAX_MOTION
     if beyond.any():
@@ -305,12 +300,7 @@ def not_finite(component: Component, row: NDArray[np.float64]) -> str:
 
 
 def repeats_from_state(component: Component, inputs: Inputs) -> bool:
-    """Whether a robot part gives the same bits again after the FMU's state is restored halfway.
-
-    Raises:
-        ComponentFailed: the FMU refuses to save or restore its state.
-        InputRefused: the FMU is marked as stateless.
-    """
+    """Whether a part repeats its bits from a restored state; raise `TwinError` if it has no usable state."""
     half = len(inputs.t) // 2
     call_part(component, inputs.first(half))
     nothing = np.zeros(0)

@@ -165,7 +165,6 @@ class DriveTrial:
     """Results of one of the compared drives in the experiment.
 
     Attributes:
-        name: name of the drive, as typed.
         run: true signals, up to the failure if there was one.
         failure: error that ended the run early; empty if it completed.
         repeats: measures of the paired runs, in the order of `PAIRED_SEEDS`; empty if one of them failed or tripped.

@@ -39,11 +39,9 @@ from twin.studies.qualify.definitions import (
 )
 
 WRONG_SCALE = 1.5
-"""Factor between actual and commanded speed above which units are wrong: rpm give 9.5, degrees 57; gears are
-similar."""
+"""Factor between actual and commanded speed above which units are wrong: rpm give 9.5, degrees 57, gears similar."""
 WRONG_RATE = 0.05
-"""Relative deviation of omega_m from the rate of theta_m; twice the error of a 0.024 rad/s register at the speed in
-use."""
+"""Relative deviation of omega_m from theta_m's rate; twice the error of a 0.024 rad/s register at the speed in use."""
 LOAD_WINDOW = 0.1
 """Time window after the load step for measuring its effect (s): before an integral loop compensates it."""
 ANGLE_ROUNDING = 1e-9
@@ -59,8 +57,7 @@ HOLD_TIME = 1.0
 that long is too high by at most 0.5 J: 0.0035 N m for 7e-3 kg m2. A longer time would heat and weaken the winding.
 """
 STALL_SHARE = 0.1
-"""Stall threshold (share of the commanded speed): friction smoothed around standstill lets a model creep below it
-forever."""
+"""Stall threshold (share of the commanded speed): smoothed friction lets a model creep below it forever."""
 SPEED_WINDOW = 0.05
 """Averaging time of the speed (s): a stepper oscillates while it turns."""
 STALL_UNCERTAINTY = 0.02
@@ -68,14 +65,12 @@ STALL_UNCERTAINTY = 0.02
 STALL_TIME = 0.3
 """Time below `STALL_SHARE` after which a shaft is stalled (s)."""
 USUAL_TOLERANCE = 1e-4
-"""Assumed relative tolerance of the solver in an FMU without a declared one; Dymola and OpenModelica export 1e-4 and
-1e-6."""
+"""Assumed relative solver tolerance of an FMU without one; Dymola and OpenModelica export 1e-4 and 1e-6."""
 TOLERANCE_FACTOR = 0.01
 NEGLIGIBLE_ANGLE = 0.01 * ENCODER_RESOLUTION
 """Threshold of a solver error worth reporting (rad)."""
 LOWEST_FREQUENCY, HIGHEST_FREQUENCY = 0.25, 200.0
-"""Frequency range (Hz). The lowest represents the static gain; the highest is a fifth of the command's sampling
-rate."""
+"""Frequency range (Hz): the lowest represents the static gain, the highest is a fifth of the sampling rate."""
 PER_OCTAVE = 2
 FINE_FREQUENCIES = 5
 """Number of extra frequencies between the two neighbours of the bandwidth."""
@@ -359,10 +354,7 @@ def _gains(plan: DrivePlan, frequencies: Curve) -> Curve:
 
 
 def _amplitude(done: Response, phase: Curve, part: slice) -> float:
-    """Fit a sine and a straight line to a part of a drive's speed; return the sine's amplitude (rad/s).
-
-    The speed is the mean over each tick, from the angle: encoder steps and ripple are noise, averaged out by the fit.
-    """
+    """Fit sine and line to the speed (mean over each tick, by the angle); return the sine's amplitude (rad/s)."""
     speed = np.diff(done.theta_m[part]) / TICK
     angle = phase[part][1:]
     t = done.t[part][1:] - done.t[part][0]

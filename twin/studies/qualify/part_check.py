@@ -38,7 +38,6 @@ class PartAssessment:
 
     Attributes:
         period: period of its calls (s).
-        checks: checks in the order they were made.
         cost: wall time per call (s).
         own_differences: output name -> largest difference to twin's own component on the same inputs, SI; None if not
             compared.
@@ -58,12 +57,7 @@ class PartAssessment:
 def assess_part(
     part: ThirdPartyPart, experiment: Experiment, period: int, run: Trace, own: bool, say: Callable[[str], None]
 ) -> PartAssessment:
-    """Call a third-party part with the inputs that it would have received in a run, and check it.
-
-    Args:
-        period: period of the part, in ticks.
-        own: whether the run used twin's own component in this role.
-    """
+    """Check a part called every `period` ticks with a run's inputs; `own`: twin's own part made the run."""
     bench = _Bench(part, experiment, period, inputs_for(part, run, experiment, period))
     say("calling it")
     first = bench.play(bench.inputs)
@@ -138,10 +132,7 @@ def _fmu_checks(bench: _Bench, inputs: Inputs, first: PartCalls) -> Iterator[Che
 
 
 def _state_checks(bench: _Bench, inputs: Inputs) -> Iterator[Check]:
-    """Check whether a part gives the same outputs again after its state is saved and restored; yield the result.
-
-    The verdict is "ok", or "note" if the outputs differ or the part cannot save its state, which no run needs.
-    """
+    """Yield whether a part repeats its outputs from a saved state; "note" if not, as no run needs that."""
     with bench.make_component() as component:
         if lacking := component.lacks_state(portable=False):
             yield Check("state", "note", f"{lacking}; a run does not need it")

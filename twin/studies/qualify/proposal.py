@@ -73,11 +73,7 @@ def _command_lines(command: Command, sure: bool) -> list[str]:
 
 
 def interpret_variables(file: str, variables: Mapping[str, Variable]) -> tuple[Command, RoleChoice, bool]:
-    """Choose the kind of command and the variables of an unmapped drive.
-
-    Args:
-        file: name of the drive in error messages.
-    """
+    """Choose command and variables of an unmapped drive; `file`: its name in error messages."""
     fitting: list[Command] = []
     for command in COMMAND_ROLES:
         with suppress(InputRefused):
@@ -151,11 +147,7 @@ def part_names(files: Iterable[Path]) -> list[str]:
 def parts_proposal(
     parts: Mapping[str, FmuDescription], folder: Path, connections: Sequence[KnownWire] | None = None
 ) -> tuple[str, bool]:
-    """Return (text of a mapping.toml for a drive of several FMUs, whether it is complete).
-
-    Args:
-        connections: known connections; None to propose them.
-    """
+    """Return (mapping.toml for several FMUs, whether it is complete); `connections` None to propose them."""
     variables = {qualified_name(part, v.name): v for part, fmu in parts.items() for v in fmu.variables.values()}
     if connections is None:
         wires = [(join.target, join.source, "" if join.sure else "perhaps") for join in propose_wires(variables)]

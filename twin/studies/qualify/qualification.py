@@ -221,12 +221,7 @@ class BenchCurves:
 
 @dataclass(frozen=True)
 class Qualification:
-    """Judgement of a drive by all checks and measures.
-
-    Attributes:
-        checks, measures: all checks of `CHECK_MEANINGS` that could be made, and all measures of `MEASURE_DEFINITIONS`.
-        doubts: sentences on measures that suggest another unit of the load.
-    """
+    """Judgement of a drive by all checks and measures, and doubts on the load's unit, a sentence each."""
 
     plan: DrivePlan
     checks: tuple[Check, ...]

@@ -126,12 +126,7 @@ class Series:
 
 @dataclass(frozen=True)
 class TrialFiles:
-    """Contents of the files of a reference experiment shipped with an FMU.
-
-    Attributes:
-        parameters: parameter values in the FMU's own units.
-        stimuli, results: time series; None without such a file.
-    """
+    """Contents of a reference experiment: parameters in the FMU's units, series or None without a file."""
 
     parameters: dict[str, Value]
     stimuli: Series | None
@@ -140,11 +135,7 @@ class TrialFiles:
 
 @dataclass(frozen=True)
 class ReferenceFiles:
-    """The reference experiments shipped with an FMU.
-
-    Attributes:
-        unread: (name, reason) of listed experiments, parameters and results that are unsupported.
-    """
+    """Reference experiments of an FMU, and (name, reason) of unsupported experiments, parameters, results."""
 
     unread: tuple[tuple[str, str], ...]
     trials: tuple[Trial, ...]
@@ -444,11 +435,7 @@ class References:
 
 
 def references(file: Path, apart: bool, limits: JobLimits = JobLimits()) -> References | None:  # noqa: B008, it is frozen
-    """Run the reference experiments shipped with an FMU; None without any.
-
-    Args:
-        apart: whether each experiment has a process of its own, so that a crash costs only that experiment.
-    """
+    """Run an FMU's reference experiments (None without any), `apart` in processes against crashes."""
     found = reference_files(file)
     if not (found.unread or found.trials):
         return None

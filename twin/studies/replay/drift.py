@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 SHORTEST_BLOCK = 1.0
-"""Minimum block length (s), two taps of a massage: forces of acceleration and viscous friction cancel over a motion
-that returns to its start."""
+"""Minimum block length (s), two taps: acceleration and viscous friction cancel over a motion that returns."""
 DECISION_FACTOR = 5.0
 """Threshold H by sigma."""
 
@@ -122,8 +121,7 @@ def _sum(steps: NDArray[np.float64]) -> NDArray[np.float64]:
 def _block_means(
     t: NDArray[np.float64], r: NDArray[np.float64], block: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute ends (s) and means of the complete blocks of a residual; blocks with under half the samples of the
-    fullest block are dropped."""
+    """Compute ends (s) and means of a residual's blocks with at least half the samples of the fullest."""
     if not len(t):
         return np.empty(0), np.empty(0)
     index = np.floor((t - t[0]) / block).astype(np.int64)

@@ -36,8 +36,7 @@ ENCODER_PORTS = (
 FORCE_RESIDUAL = (Port("F_z", 1, "N", "pressing force less the measured one"),)
 JOINT_RESIDUAL = (Port("theta_l", 3, "rad", "joint angles of the plant model less those of the log"),)
 SETTLING_TIME = 1.0
-"""Simulated time before each start, with the motors at the first sample's angles (s): 20 time constants of the springs'
-oscillation with the robot's joint friction, 5 with a quarter of it."""
+"""Settling time before each start (s): 20 time constants of the springs with the joint friction, 5 with a quarter."""
 RESTART_TEXT = "the plant model starts anew, at rest"
 """Text of the event of a restart after a gap."""
 
@@ -150,13 +149,7 @@ def pressing(outputs: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
 
 
 class PlantRun:
-    """Simulation of the plant model driven by motor angles, in slices, from rest.
-
-    It settles before the first sample.
-
-    Args:
-        p_B: position of the robot at the first sample (3,), m.
-    """
+    """Simulation of the plant by motor angles, in slices, settled at `p_B` (3,), m, of the first sample."""
 
     def __init__(self, model: RobotModel, p_B: NDArray[np.float64]):
         self._model, self._p_B = model, p_B
@@ -209,9 +202,6 @@ class PlantModel:
 
     Args:
         restarts: whether it restarts outside the workspace; else `feed` raises `ComponentFailed`.
-
-    Attributes:
-        starts: times of the starts (s).
     """
 
     def __init__(self, model: RobotModel, restarts: bool = True):

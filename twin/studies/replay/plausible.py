@@ -35,8 +35,7 @@ MIN_DEFLECTION_RANGE = 0.1
 MIN_IMPROVEMENT = 4.0
 """Minimum factor between that range and the range with a proposed map."""
 OPPOSITE_CORRELATION, MIN_FORCE_RANGE = -0.8, 1.0
-"""Correlation of measured and estimated force below which the measured one has the opposite sign, and minimum range of
-the measured force (N) for this test."""
+"""Correlation of measured and estimated force below which signs differ, and the range (N) needed for this test."""
 
 
 class MapCheck:

@@ -25,12 +25,7 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Residual:
-    """Residual over time, the difference `value - measured` of two series of one quantity.
-
-    Attributes:
-        t: times of the measurements with a value (n,), s.
-        value, measured: values and measurements (n,), in the same unit.
-    """
+    """Residual `value - measured` of two series of one quantity, in its unit, at times `t` (n,), s."""
 
     t: NDArray[np.float64]
     value: NDArray[np.float64]

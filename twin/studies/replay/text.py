@@ -50,12 +50,7 @@ def verdict(replay: Replay) -> ReplayVerdict:
 
 
 def replay_result(replay: Replay, held: Values, name: str, files: dict[str, str], following: str) -> Result:
-    """Create the report of a replay.
-
-    Args:
-        files: kind -> path.
-        following: command to run next, or "".
-    """
+    """Create the report of a replay; `files`: kind -> path; `following`: command to run next, or ""."""
     forces: list[Block] = [_table(replay), ""] if replay.forces else []
     parts = [*_reasons(replay), "", *forces, note("held", measures_text(held)), *_samples(replay)]
     shown = {**files, **({"next": following} if following else {})}

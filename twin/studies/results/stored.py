@@ -47,7 +47,6 @@ class StoredRun:
     """A stored run: its folder in results/, named by experiment and time, or by the user.
 
     Attributes:
-        recording: recording in the folder, finished or not.
         latest: whether the link results/EXPERIMENT/latest points to this run.
         is_top_level: whether the folder is directly in results/, where only users create runs.
     """
@@ -348,11 +347,7 @@ def _events(summary: Mapping[str, Any]) -> list[tuple[Any, Any, Any]]:
 
 
 def list_runs(results: Path, experiments: Sequence[str], say: Say) -> Answer:
-    """Return the list of stored runs, with their differences from the current experiment files.
-
-    Args:
-        experiments: experiments whose runs are listed; empty for all, and other folders in `results`.
-    """
+    """Return the list of stored runs and their differences; all, with other folders, if `experiments` is empty."""
     runs, now = stored_runs(results, experiments), CurrentExperiments()
     found = []
     steps = Steps(say, len(runs))

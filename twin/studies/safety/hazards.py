@@ -144,12 +144,7 @@ class Hazard:
 
 @dataclass(frozen=True)
 class SafetyTable:
-    """Hazard table, as read from its file and checked.
-
-    Attributes:
-        hazards, thresholds, variants: tables in the order of the file.
-        sensitivity: None without [sensitivity].
-    """
+    """Checked hazard table of a file, its tables in order; `sensitivity` is None without [sensitivity]."""
 
     path: Path
     head: HazardFile

@@ -119,7 +119,6 @@ def search_runs(
     the worst run until then. The points are a Halton sequence, scrambled by the seed of the evidence.
 
     Args:
-        stage: stage of `worst`.
         measured: returns the limited quantity.
     """
     budget, reach = hazard.evidence.search, hazard.evidence.reach

@@ -46,11 +46,7 @@ STATUS_CLASSES = {"kept": "kept", "exceeded": "exceeded", "exceeded as stated": 
 def hazard_page(
     table: SafetyTable, lines: Sequence[HazardLine], pictures: Sequence[tuple[str, Path]], made_with: str
 ) -> str:
-    """Create the whole page of a hazard table as HTML.
-
-    Args:
-        pictures: title and file of each picture, embedded in the page.
-    """
+    """Create the whole page of a hazard table as HTML, with the pictures (title, file) embedded."""
     return "\n".join(
         [
             "<!doctype html>",

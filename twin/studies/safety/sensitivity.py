@@ -21,7 +21,6 @@ class ThresholdPoint(NamedTuple):
         factor: factor on the experiment's value.
         value: value in the unit of the key.
         false_trips: number of healthy robots that trip.
-        fleet: number of healthy robots.
         peak: largest force (N) of the worst runs of all lines that are kept at the experiment's own thresholds.
     """
 

@@ -225,7 +225,6 @@ class SessionBranches:
         start: time of the first prediction (s).
 
     Attributes:
-        score: comparison of the predictions with the estimates so far.
         moves: whether the surface moves, by the twin's clock; its phase is not estimated.
         taps: numbers of the tasks that tap.
         own, changed: system of the twin, and systems of the `--what-if` experiments.
@@ -339,8 +338,7 @@ class _PredictingPart:
         return made
 
     def _look(self, sample: int, t: float, made: Rows) -> None:
-        """Do the predicting work due at a sample, at `t` (s): write a prediction into the rows `made`, learn the
-        contact, or begin a prediction."""
+        """Do the work due at a sample at `t` (s): write a prediction into `made`, learn the contact, or begin."""
         giving = self._pending is not None and t >= self._pending.t + PREDICTION_DELAY
         looking, beginning = t >= self._next_look, t >= self._next
         if not (giving or looking or beginning):
@@ -486,11 +484,7 @@ class _PredictingPart:
 
 
 def changed_experiments(path: Path, settings: Sequence[str], what_if: Sequence[str]) -> dict[str, Experiment]:
-    """Load the changed experiment of each `--what-if` option; one text may set several keys, separated by ";".
-
-    Args:
-        settings: "table.key=value" texts of the robot.
-    """
+    """Load the experiment of each `--what-if`, several keys separated by ";", with the robot's settings."""
     found = {}
     for text in what_if:
         keys = text.split(";")
@@ -509,11 +503,7 @@ def changed_experiments(path: Path, settings: Sequence[str], what_if: Sequence[s
 def session_branches(
     experiment: Experiment, changed: Mapping[str, Experiment], limit: float | None, note: Callable[[str], None]
 ) -> SessionBranches | None:
-    """Create the branching systems that predict a session's robot; None, with a note, if the robot cannot be predicted.
-
-    Args:
-        limit: maximum pressing force (N); None for the monitor's limit, if any.
-    """
+    """Create the predicting systems, or None with a note; `limit` (N), None for the monitor's, if any."""
     if limit is None:
         limit = experiment.monitor.force_limit if experiment.monitor else math.inf
     try:

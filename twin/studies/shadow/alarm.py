@@ -34,8 +34,7 @@ SETTLING_TIME = 0.5
 MIN_BLOCK_SHARE = 0.5
 """Minimum share of a block's samples."""
 RATE_RESERVE = 5.0
-"""Factor between the requested rate and the rate that the threshold is computed for: blocks are neither normal nor
-independent."""
+"""Factor between requested and computed rate, because blocks are neither normal nor independent."""
 CONFIRMING_LEVEL = 0.5
 """Share of the threshold above which the state is CONFIRMING."""
 
@@ -82,12 +81,7 @@ def threshold(
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Residual tolerances of healthy robots by channel, in the channel's unit.
-
-    Attributes:
-        tolerance: largest change of a block's mean.
-        sigma: standard deviation of a block's mean.
-    """
+    """Tolerances per channel, in its unit: largest change, and standard deviation, of a block's mean."""
 
     tolerance: Mapping[str, float]
     sigma: Mapping[str, float]
@@ -132,7 +126,6 @@ class WatchEvent:
         level: that sum by its threshold.
         since: start of the sum's growth (s).
         size: mean residual since then, less the reference, in the channel's unit.
-        alarm: whether the change is an alarm.
     """
 
     t: float
@@ -163,11 +156,7 @@ class _Sum:
 
 
 class Blocks:
-    """Averaging of the filter's outputs over blocks of time, updated with samples or slices.
-
-    Args:
-        length: length of a block (s).
-    """
+    """Averaging of the filter's outputs over blocks of `length` (s), updated with samples or slices."""
 
     def __init__(self, length: float = BLOCK_LENGTH):
         self._length = length
@@ -176,13 +165,7 @@ class Blocks:
         self._most, self._anew = 0, math.inf
 
     def add_samples(self, t: NDArray[np.float64], y: Columns) -> Iterator[tuple[float, NDArray[np.float64]]]:
-        """Add samples, and yield end (s) and means (channels,) of each block that they complete; NaN for channels
-        without values.
-
-        Args:
-            t: times (n,), s, ascending from call to call.
-            y: outputs of the filter at these times.
-        """
+        """Add ascending samples (n,), s; yield end (s) and means (channels,) of completed blocks, NaN if empty."""
         values = residuals(y)
         values[t < self._settled] = math.nan
         for at in t[np.asarray(y["started"]) > 0.0].tolist():

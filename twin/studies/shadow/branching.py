@@ -51,9 +51,7 @@ class RobotSnapshot(NamedTuple):
         x: state of the filter (15,).
         J: d theta_l / d p_B (3, 3).
         omega_ref: present commands (3,), rad/s.
-        drives: state of the drives.
         shafts: outputs of the drives by component name.
-        contact_estimate: surface and dry friction.
     """
 
     tick: int
@@ -109,15 +107,7 @@ def _spring(p: NDArray) -> NDArray[np.float64]:
 
 
 class Branching:
-    """System of an experiment that can be simulated ahead from any state of the robot.
-
-    Args:
-        where: begins the error messages.
-
-    Attributes:
-        law: the controller.
-        tick, period: tick of the system (s), and period of its controller (ticks).
-    """
+    """System of an experiment, simulated ahead from any state; tick (s), controller period (ticks)."""
 
     def __init__(self, experiment: Experiment, where: str = ""):
         others = {role: part for role, part in experiment.stand_ins.items() if role not in ("monitor", "scale")}

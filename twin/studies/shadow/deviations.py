@@ -17,8 +17,7 @@ from twin.studies.shadow.contact_estimate import ENCODER_ZERO, JOINT_FRICTION
 from twin.studies.shadow.layout import FORCE, MOTOR, POSITION, STATES
 
 SPRING_ERROR, DEAD_ZONE_ERROR = 0.04, 1.0
-"""Largest relative errors of springs and dead zones that were not identified, in the shipped fleet of healthy
-robots."""
+"""Largest relative errors of unidentified springs and dead zones in the shipped fleet of healthy robots."""
 DEVIATION_SHARE = 0.75
 """Standard deviation by the largest error. At the corners of the fleet, where several causes are largest at once, at
 most a tenth of all samples exceeds 1.96 deviations."""

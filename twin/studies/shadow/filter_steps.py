@@ -18,8 +18,7 @@ Columns = dict[str, NDArray[np.float64]]
 UNKNOWN_DRIVE = ShadowDrive(lag=0.02, droop=0.0, inertia=1e-4, wander=20.0)
 """Model of a drive with unknown equations: the lag that controllers believe, and much process noise."""
 KNOWN_DRIVE = 0.1
-"""Process noise of a known drive (rad/s2/sqrt(Hz)): the effect of a lag of 20 ms that is off by 1 %, at 10 rad/s2
-changing ten times a second."""
+"""Process noise of a known drive (rad/s2/sqrt(Hz)): a lag of 20 ms off by 1 %, 10 rad/s2 changing at 10 Hz."""
 
 
 def shadow_of(experiment: Experiment, noises: Noises = Noises()) -> Shadow:  # noqa: B008, it is a tuple
@@ -43,15 +42,7 @@ def drive_model(experiment: Experiment) -> ShadowDrive:
 
 
 class FilterFeed:
-    """Kalman filter stepped sample by sample, without an allocation per sample.
-
-
-    Attributes:
-        u: next sample (13,), by `sample_columns.INPUTS`; NaN at first.
-        inputs: views of `u` by port.
-        y: newest outputs (24,), by `layout.OUTPUTS`.
-        outputs: views of `y` by port.
-    """
+    """Kalman filter stepped without allocations, with views by port on the sample `u` (13,) and outputs `y` (24,)."""
 
     def __init__(self, shadow: Shadow):
         self._shadow, self._last = shadow, -np.inf

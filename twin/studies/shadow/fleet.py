@@ -81,13 +81,7 @@ class Fleet:
         return load_experiment(self.experiment, self.settings)
 
     def run(self, number: int, settings: Sequence[str] = ()) -> RobotSamples:
-        """Simulate robot `number` of the fleet from time 0, and return the samples of its computer.
-
-        The samples of a healthy robot end where its monitor trips: without power it does not follow its commands.
-
-        Args:
-            settings: additional settings of this robot, a fault for example.
-        """
+        """Simulate robot `number` until its monitor trips, with additional settings; return its samples."""
         random = np.random.default_rng([self.seed, number])
         zeros = [
             f"plant.{side}_zero_deg={random.uniform(-ZERO_RANGE, ZERO_RANGE, 3).tolist()}"
@@ -124,7 +118,6 @@ def read_fleet(
         experiment: experiment in place of the file's; intervals are scaled by the ratio of both values, and identified
             values do not vary.
         runs, seed: replacements of the file's values, if given, for other robots.
-        settings: settings of all robots and their twin.
     """
     definition, named = read_definition(path)
     settings = (*SCALE_SETTINGS, *settings)
@@ -231,11 +224,7 @@ def watch_blocks(ends: Sequence[float], means: NDArray[np.float64], watch: Shado
 
 @dataclass(frozen=True)
 class FalseAlarmRate:
-    """Rate of false alarms, measured on healthy robots.
-
-    Attributes:
-        hours: watched time without the reference blocks (h).
-    """
+    """Rate of false alarms on healthy robots, over the watched time without reference blocks (h)."""
 
     alarms: int
     hours: float

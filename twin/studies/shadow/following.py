@@ -62,8 +62,7 @@ class PlantPart(Part, Protocol):
 
 
 class StateEstimate(NamedTuple):
-    """Estimate by the filter of the robot's state. x: state (15,); P: covariance (15, 15); J: Jacobian of the joints
-    (3, 3), SI."""
+    """The filter's estimate: state x (15,), covariance P (15, 15), Jacobian J of the joints (3, 3), SI."""
 
     x: NDArray[np.float64]
     P: NDArray[np.float64]
@@ -75,10 +74,6 @@ class OwnController:
     robot's if known.
 
     It begins with the first sample; if the robot's program is already running, it is at another point.
-
-
-    Attributes:
-        controller: the component.
     """
 
     def __init__(self, experiment: Experiment):
@@ -129,10 +124,7 @@ class OwnController:
 
 
 class RobotState:
-    """State of the robot with standard deviations, estimated by the filter; its residuals are prior residuals.
-
-    Samples are estimated in slices, or each one as it arrives.
-    """
+    """Part that estimates state and deviations by the filter, in slices or per sample; residuals are prior."""
 
     def __init__(self, experiment: Experiment):
         self._shadow = shadow_of(experiment)
@@ -371,14 +363,7 @@ class Twin:
         return self._reidentifier.adaptations if self._reidentifier else ()
 
     def accept(self, proposal: Adaptation) -> bool:
-        """Accept `proposal` of changed parameters in all parts: filter, plant model, predictions, and the alarm after
-        cooling down.
-
-        Call it between two calls of `feed`, from the same thread.
-
-        Returns:
-            Whether `proposal` was still open.
-        """
+        """Accept `proposal` in all parts, between two `feed` of the same thread; return whether it was open."""
         if proposal is not self.proposal:
             return False
         (watched,) = (part for part in self.parts if isinstance(part, AlarmWatch))

@@ -73,14 +73,7 @@ def accepted_values(accepted: Sequence[Adaptation]) -> str:
 
 
 class AcceptButton:
-    """Parameters of a live session for viewers: button `shadow.accept`, proposal and status line. Thread-safe.
-
-    Args:
-        twin: the proposing twin; None without proposals.
-
-    Attributes:
-        line: the status line.
-    """
+    """Thread-safe viewer parameters: button `shadow.accept`, proposal (if `twin` proposes), status line."""
 
     def __init__(self, twin: ProposingTwin | None):
         self._twin, self.line = twin, ""
@@ -131,15 +124,7 @@ class AcceptButton:
 
 
 class TwoRobots:
-    """Drawing for viewers: the robot by its counts, and over it the plant model; a `Drawn` of the server.
-
-    Args:
-        experiment: experiment of the robot.
-        places: columns of the topics in a row.
-
-    Attributes:
-        forms: see `Drawn`.
-    """
+    """Drawing for viewers, see `Drawn`: the robot by its counts, and over it the plant model."""
 
     def __init__(self, experiment: Experiment, places: Mapping[str, slice]):
         self._geometry, self._places = geometry_of(experiment.plant), places
@@ -171,12 +156,7 @@ class TwoRobots:
 
 
 class ShadowViewer:
-    """Connection of a session to viewers; slow viewers do not delay the session.
-
-    Args:
-        server: server that does not wait for its first viewer.
-        twin: see `AcceptButton`.
-    """
+    """Connection to viewers through a server that never waits; slow viewers do not delay the session."""
 
     def __init__(
         self,

@@ -108,12 +108,7 @@ class ParameterChange(NamedTuple):
 
 @dataclass(frozen=True)
 class Adaptation:
-    """Proposal of changed plant parameters after an alarm.
-
-    Attributes:
-        t: time of the search (s).
-        changes: at least one change.
-    """
+    """Proposal of at least one changed plant parameter after an alarm, with the time of the search (s)."""
 
     t: float
     changes: tuple[ParameterChange, ...]
@@ -167,12 +162,7 @@ def torque_error(experiment: Experiment) -> float:
 def reidentify(
     samples: RobotSamples, plant: PlantParameters, believed: Belief, rotor: float, loads: bool = True
 ) -> tuple[ParameterChange, ...]:
-    """Identify springs, their zeros and the contact from `samples` since a change, and list the changes of parameters.
-
-    Args:
-        rotor: inertia of a motor (kg m2).
-        loads: whether a motor's torque is its spring's load; see `TORQUE_ERROR`.
-    """
+    """Identify springs, zeros and contact from `samples`; `rotor` (kg m2), `loads`: see `TORQUE_ERROR`."""
     slow = _slow_motion(samples, believed)
     if slow is None:
         return (*_springs([None] * 3, NO_SLOW_MOTION, plant), _contact(None, NO_SLOW_MOTION, plant))
@@ -314,14 +304,7 @@ class SampleRing:
 
 
 class Reidentifier:
-    """Search for changed parameters in a background thread, with a buffer of the newest samples.
-
-    Args:
-        wait: whether to wait for the result, so that a log gives the same result at any speed.
-
-    Attributes:
-        proposal: newest open proposal; None without a proposal.
-    """
+    """Background search on the newest samples; `wait` gives a log the same result at any speed."""
 
     def __init__(self, experiment: Experiment, wait: bool):
         self.plant = plant_parameters(experiment.plant, experiment.contact)

@@ -71,13 +71,11 @@ class Session:
     """Session of twin and robot: it follows a source, records and reports.
 
     Args:
-        source: the robot or a log.
         columns: columns of the signals; empty if arrivals are readings.
         wanted: column and conversion of each signal.
         lateness: budget for late messages (s).
         duration: maximum length (s) by the robot's stamps; infinite for no limit.
         live: whether the source is live, so that silence is an event.
-        say: receives the status line.
         announce: receives messages for terminals without a status line.
         watched: part of `twin` that raises alarms, if any.
         viewer: live view, if any.
@@ -161,11 +159,7 @@ class Session:
         self._say(text)
 
     def follow(self, path: Callable[[], Path]) -> SessionSummary:
-        """Follow the robot until the source ends, the duration is over, or Ctrl-C; return the summary of the session.
-
-        Args:
-            path: returns the path of the recording, called at the first sample.
-        """
+        """Follow the robot to the end of source or duration, or Ctrl-C; the first sample calls `path`."""
         if self._live:
             self._receiver.start()
         try:

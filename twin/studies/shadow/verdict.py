@@ -95,7 +95,6 @@ class SessionSummary:
             motion.
         dropped: number of messages lost by the transport or by a full queue.
         changes: changes of the alarm's state; None without an alarm.
-        no_alarm: reason for the missing alarm.
         caution: caution for alarms; "" for an identified robot.
         ahead: score of the predictions; None without predictions.
         measured_signals: names of the `SIGNAL_COLUMNS` that arrived.

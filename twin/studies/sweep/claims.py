@@ -21,11 +21,7 @@ COMPANION_SETTING = 'controller.mode="position"'
 
 
 def pack_curves(curves: Mapping[str, tuple[Curve, Curve]], end: float) -> dict[str, Any]:
-    """Resample curves of a run at a common period and encode them for JSON.
-
-    Args:
-        curves: name -> (times (s), values), each (n,); times ascend.
-    """
+    """Resample curves, name -> (ascending times (s), values), at a common period and encode them for JSON."""
     t = np.arange(int(end / CURVE_PERIOD + 1e-9) + 1) * CURVE_PERIOD
     return {"period_s": CURVE_PERIOD, "of": {name: text_of(np.interp(t, *curve)) for name, curve in curves.items()}}
 

@@ -116,12 +116,7 @@ class Vary(_SweepTable):
 
 
 def contradictions(vary: Vary, sampled: bool, known: Sequence[str]) -> list[str]:
-    """Return error messages for missing, superfluous or contradictory keys of a [[vary]] table.
-
-    Args:
-        sampled: whether the design draws samples; a grid has levels.
-        known: labels that a condition may name.
-    """
+    """Return errors for missing, superfluous or contradictory keys; `sampled` designs draw, grids have levels."""
     mistakes = _name_mistakes(vary)
     needed: tuple[str, ...] = _DISTRIBUTION_KEYS.get(vary.distribution or "", ("low", "high"))
     if vary.values is not None:
@@ -175,7 +170,6 @@ class SweepFile(BaseModel):
         experiment: experiment file, searched from the sweep's folder upwards.
         runs: points per drive; None in a grid, whose levels determine the number. For design = "saltelli" the number of
             blocks; a block has two points more than there are parameters.
-        seed: seed of sampled designs.
         claims: "fig4" to run each point with and without force control and judge the paper's claims on both runs.
         drives: drives that each run every point; empty for the experiment's own.
         limits: metric -> maximum.
@@ -387,9 +381,6 @@ class Task:
     Attributes:
         run: number, from 1.
         key: hash of all inputs of the run, see `SweepPlan`.
-        drive: drive; None for the experiment's own.
-        parameters: label -> value.
-        settings: settings for `load_experiment`.
     """
 
     run: int

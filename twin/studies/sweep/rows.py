@@ -133,12 +133,7 @@ def _whole_lines(path: Path) -> Iterator[tuple[Row, bytes, int]]:
 
 
 class RowFile:
-    """The file of a sweep's rows, opened for appending and locked; a context manager.
-
-    Attributes:
-        before: rows in the file when it was opened, oldest first.
-        count: number of rows in the file now.
-    """
+    """The rows' file, opened for appending and locked, a context manager; `before`: rows found, oldest first."""
 
     def __init__(self, path: Path):
         # Windows has neither fcntl nor guarded processes.

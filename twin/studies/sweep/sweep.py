@@ -20,8 +20,7 @@ from twin.studies.sweep.stored import claim
 
 RECORDINGS_FOLDER = "runs"
 BATCH_PAUSE = 0.05
-"""Pause between batches of rows (s); writing and showing rows one by one would cost the runs a tenth of the CPU
-time."""
+"""Pause between batches of rows (s); writing and showing them one by one would cost the runs a tenth of the CPU."""
 
 
 @dataclass(frozen=True)

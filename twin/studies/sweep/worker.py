@@ -26,8 +26,7 @@ from twin.studies.sweep.measures import RunFinding, metrics_of
 from twin.studies.sweep.plan import files_digest, text_settings
 
 RUNS_BEFORE_SHARING = 2
-"""Runs with the same prefix that are made from the start; computing the shared prefix takes about as long as two
-runs."""
+"""Runs of one prefix made from the start; the shared prefix takes about as long as two runs."""
 NUMBERS_REQUEST, SIGNALS_REQUEST = RunRequest(tally=True), RunRequest(signals=None, tally=True, check=refuse_unknown)
 
 _runs = Runs(NUMBERS_REQUEST, RUNS_BEFORE_SHARING, most=1)

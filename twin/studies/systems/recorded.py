@@ -45,8 +45,7 @@ SCHEME_NAMES = {"gauss_seidel": "Gauss-Seidel in the order of the file", "jacobi
 SUMMARY_FILE = "summary.json"
 """File of the durations; they are kept out of the recording, which must not depend on them."""
 COSIM_FOLDER = Path("results/cosim")
-"""Folder of the runs, separate from runs of the robot: a system often has the name of the experiment it was built
-from."""
+"""Folder of the runs, apart from the robot's, since a system often has its experiment's name."""
 
 
 def run_summary(
@@ -221,7 +220,6 @@ def record_system(
     Notes: {"experiment": name, "folder": folder of the run, "duration" (s)} before the first step.
 
     Args:
-        system: SSP archive, FMU, OspSystemStructure.xml or multi-model of Maestro.
         out: folder of the run; None for results/NAME/TIME.
         compiled: whether to build FMUs without a binary for this machine from their sources.
         state_every: time between saved states (s); None to save only the last state.
@@ -249,13 +247,7 @@ def write_system(
     compiled: bool = False,
     additions: Additions = Additions(),  # noqa: B008, likewise
 ) -> Result:
-    """Write a system of FMUs as an SSP archive without running it.
-
-    Other arguments are those of `record_system`.
-
-    Args:
-        out: file to write; None for NAME.ssp in the current folder.
-    """
+    """Write a system as `out` (default NAME.ssp here) without running it; else as `record_system`."""
     for option, asked in (
         ("--record", additions.recorded),
         ("--solver", choice.solver),

@@ -33,9 +33,7 @@ from twin.studies.metrics.response import overshoot, settling_time
 STIFFNESS_COUNT = 3
 """Number of stiffnesses for a range: both ends and the geometric mean."""
 FREQUENCY_COUNT = 500
-"""Number of frequencies from `MIN_FREQUENCY` to half the sampling rate: 2 % apart, closer than the platform's
-resonances are wide.
-"""
+"""Number of frequencies from `MIN_FREQUENCY` to half the rate: 2 % apart, closer than the resonances are wide."""
 STEP_HORIZON = 8.0
 """Length of a step response (s)."""
 SETTLED_BAND = 0.05
@@ -161,7 +159,6 @@ class Corner:
 
     Attributes:
         A, B, C: state-space matrices, (n, n), (n, 3), (8, n).
-        period: period of the controller (s).
         omega: frequencies (rad/s) (m,).
         P: frequency response (m, 4, 3) of the estimated signals.
     """
@@ -202,11 +199,7 @@ def stiffnesses(span: tuple[float, float]) -> list[float]:
 def corners(
     experiments: Sequence[Experiment], stiffness: tuple[float, float] | None
 ) -> tuple[list[Corner], list[str], list[Linearisation]]:
-    """Compute the linear model at every operating point, on every stiffness and with every drive.
-
-    Returns:
-        (corners, error messages of points without a linear model, linearisations with the identified drives).
-    """
+    """Return (corners, messages of points without a model, linearisations) per point, stiffness and drive."""
     points, problems = operating_points(experiments[0])
     if stiffness is not None:
         low, high = stiffness
@@ -358,14 +351,7 @@ def confirms_sensitivity(corner: Corner, gains: LawGains, sensitivity: float) ->
 
 
 def step_response(corner: Corner, gains: LawGains, i: int) -> tuple[Matrix, Matrix, float]:
-    """Compute the response of a stable corner to a unit step of one reference, by the linear model.
-
-    Args:
-        i: axis of the true position, or 3 for the true pressing force.
-
-    Returns:
-        (t (s), response (n,), its final value).
-    """
+    """Return (t (s), response (n,), final value) of a stable corner to a unit step of axis `i`, 3: the force."""
     A, B, C = close_loops(corner, gains)
     rest = np.linalg.solve(np.eye(len(A)) - A, B[:, i]).astype(np.float64, copy=False)
     final = float(C[i] @ rest)

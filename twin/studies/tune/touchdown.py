@@ -20,13 +20,7 @@ FAILURE_MISS = 10.0
 
 @dataclass(frozen=True)
 class WholeRun:
-    """A run of the whole experiment with given gains, to check tuning goals.
-
-    Attributes:
-        outcome: outcome; None if the run failed.
-        trip: reason of a trip of the safety monitor, or "".
-        stiffness: stiffness of the surface (N/m); None for the surface of the file.
-    """
+    """A whole run with given gains: outcome (None: failed), trip reason or "", stiffness (N/m, None: the file's)."""
 
     drive: str
     outcome: RunOutcome | None

@@ -54,8 +54,7 @@ from twin.studies.tune.touchdown import WholeRun, price, shortfalls, whole_runs
 
 SEARCH_SEED = 1
 POPULATION_PER_GAIN, MAX_GENERATIONS = 8, 40
-"""Population per gain; maximum number of generations. On Fig. 4's experiment 25 end up to 15 % slower, 60 not
-faster."""
+"""Population per gain, maximum generations; on Fig. 4's experiment 25 end up to 15 % slower, 60 not faster."""
 GAIN_BOUNDS = ((0.1, 200.0), (1e-6, 0.1), (1e-5, 1.0))
 """Search range of each gain: kp (1/s), force_kp (m/N), force_ki (m/(N s))."""
 GOAL_TOLERANCE = 1e-3
@@ -71,8 +70,7 @@ Progress = Callable[[float], None]
 REST_TIME = 3.0
 """Time (s) before the step, during which the platform sags under the drives' droop."""
 FORCE_STEP = 0.4
-"""Step of the force, as a share of the force at the corner: well above the effect of encoder counts and backlash (0.05
-N)."""
+"""Step of the force by the corner's force: well above the effect of encoder counts and backlash (0.05 N)."""
 HEIGHT_STEP = 1e-3
 """Step of z (m), upwards."""
 END_SHARE = 0.25
@@ -84,14 +82,11 @@ OVERSHOOT_TOLERANCE = 0.05
 MAX_SWING = 0.1
 """Peak-to-peak amplitude (share of the step) above which a lasting simulated oscillation is reported."""
 SETTLING_FACTOR = 4.0 / 3.0
-"""Delay of settling caused by backlash and encoder counts, as a factor; a predicted time must be visible within
-`STEP_HORIZON`.
-"""
+"""Factor of the settling delay by backlash and counts; a predicted time must show within `STEP_HORIZON`."""
 BANDWIDTH_TOLERANCE = 0.1
 """Tolerance on the simulated bandwidth (share of the requested one)."""
 SEARCH_SHARE = 0.8
-"""Share of the time that the search takes, for the progress report; the rest is the confirmation in the
-co-simulation."""
+"""Share of the time that the search takes, for the progress report; the rest is the confirmation."""
 
 
 class Miss(NamedTuple):
@@ -273,11 +268,7 @@ def lasting_swing(t: Matrix, y: Matrix) -> float:
 
 
 def paired_step_runs(corner: Corner, gains: LawGains) -> list[Matrix]:
-    """Simulate a step at a corner, and the same run without it; return force (N) or height (m) per tick.
-
-    Returns:
-        [without the step (n,), with the step (n,)], from the time of the step on.
-    """
+    """Return force (N) or height (m) per tick, without and with the step, from the time of the step on."""
     experiment, point = with_gains(at_stiffness(corner), gains), corner.point
     period = experiment.controller.period
     low, high = (1.0 - 0.5 * FORCE_STEP) * point.F_z, (1.0 + 0.5 * FORCE_STEP) * point.F_z

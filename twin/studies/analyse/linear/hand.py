@@ -32,9 +32,7 @@ ROUNDING_TOLERANCE = 1e-9
 MIN_FREQUENCY = 0.02
 """Minimum evaluated frequency (Hz), below which a robot drifts rather than responds."""
 DRIFT_RATE = 0.01
-"""Maximum growth rate (1/s) of a drift: a force loop that has lost its surface drifts, and its weight and geometry
-change meanwhile; this does not count as a swing.
-"""
+"""Maximum growth rate (1/s) of a drift, not a swing: a force loop that lost its surface, whose geometry changes."""
 Complex = NDArray[np.complex128]
 
 

@@ -207,13 +207,7 @@ def _damp_motors(felt, torque_per_spring, tau_l, h, lead):
 
 
 class LoopSettings(NamedTuple):
-    """The controller's settings for the linear analysis, SI.
-
-    Attributes:
-        N: belt ratio.
-        eta: belt efficiency, as believed.
-        corner: low-pass on the force (Hz).
-    """
+    """The controller's settings for the linear analysis, SI: belt ratio N, believed eta, low-pass `corner` (Hz)."""
 
     N: float
     eta: float
@@ -476,11 +470,7 @@ def open_loops(robot: control.StateSpace, law: LinearLaw, whole: bool = False) -
 
 
 def linked_states(A: Matrix, B: Matrix, C: Matrix) -> NDArray[np.int64]:
-    """Return the indices of the states that an input can reach and an output can see.
-
-    Other states are always at rest, like the integral of a loop with ki = 0 or the bristle of an untouched surface, and
-    each of them would be a pole at z = 1.
-    """
+    """Return the states that inputs reach and outputs see; others stay at rest and would be poles at z = 1."""
     linked = A != 0.0
     reached, seen = np.any(B != 0.0, axis=1), np.any(C != 0.0, axis=0)
     for _ in range(len(A)):

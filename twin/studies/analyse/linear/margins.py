@@ -202,11 +202,7 @@ def scale_matrix(M: Complex, log_D: Matrix) -> Complex:
 
 
 def best_scaling(M: Complex, start: Matrix) -> Matrix:
-    """Find the diagonal scaling log D (k,) that minimises the largest singular value of D M D^-1.
-
-    The largest singular value is a convex function of log D with edges where singular values are equal; sums of their
-    powers are smooth and approach it with the exponent (Schatten norms).
-    """
+    """Find the scaling log D (k,) that minimises the largest singular value of D M D^-1, by Schatten norms."""
     found = start
     for exponent in NORM_EXPONENTS:
         found = _minimise_norm(M, found, exponent)
@@ -249,11 +245,7 @@ def _minimise_norm(M: Complex, log_D: Matrix, exponent: float) -> Matrix:
 
 
 def largest_mu(M: Complex) -> tuple[int, float]:
-    """Return (index, bound) of the matrix in `M` (n, k, k) with the largest structured singular value bound.
-
-    The best scaling for the seemingly largest matrix is also good for its neighbours, so that few matrices have to be
-    examined.
-    """
+    """Return (index, bound) of the largest structured singular value in `M` (n, k, k); neighbours share a scaling."""
     bounds = np.linalg.svd(M, compute_uv=False)[:, 0]
     log_D, looked_at = np.zeros(M.shape[-1]), 0.0
     for _ in range(len(M)):

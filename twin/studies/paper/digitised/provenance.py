@@ -45,13 +45,7 @@ class FileHead(Settings):
 
 @dataclass(frozen=True)
 class Provenance:
-    """Origin and uncertainty of a curve digitised from the paper.
-
-    Attributes:
-        signal: name of the curve in the log.
-        value: uncertainty of the signal (SI).
-        time: uncertainty of the time (s).
-    """
+    """Origin of a digitised curve, its signal in the log, and uncertainties of value (SI) and time (s)."""
 
     head: FileHead
     signal: str

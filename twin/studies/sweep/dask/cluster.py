@@ -116,10 +116,7 @@ def refuse_other_versions(client: Client) -> None:
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Return the software versions that must match for a run to give the same bits, by their names in messages.
-
-    The version of twin is followed by a hash of its files: in a clone the code changes under the same version number.
-    """
+    """Return the versions that decide a run's bits; twin's with a hash of its files, as code in a clone changes."""
     content = hashlib.sha256()
     for name, source in package_sources(str(PACKAGE_FOLDER)).items():
         content.update(f"{name}\0".encode() + source)
@@ -139,13 +136,7 @@ def _version(package: str) -> str:
 
 
 def difference(who: str, theirs: dict[str, str] | BaseException, ours: dict[str, str]) -> str:
-    """Describe a difference of versions: `tcp://10.0.0.5:4001 has numba 0.59.1, this machine has 0.61.0`.
-
-    "" if the versions are equal.
-
-    Args:
-        theirs: versions of the other process, or the exception raised if it has no compatible twin.
-    """
+    """Describe a difference, `tcp://10.0.0.5:4001 has numba 0.59.1, this machine has 0.61.0`, or "" if equal."""
     if not isinstance(theirs, dict):
         return f"{who} has no twin like this one ({type(theirs).__name__}: {theirs})"
     problems = [

@@ -26,13 +26,9 @@ from twin.studies.sweep.measures import failure
 from twin.studies.sweep.plan import Task, files_digest, text_settings
 
 BATCH_SECONDS = 0.5
-"""Target duration of a batch (s): long enough to make the scheduler's milliseconds negligible, short enough to lose
-little with a worker.
-"""
+"""Target duration of a batch (s): the scheduler's milliseconds are negligible, little is lost with a worker."""
 MIN_SECONDS_PER_THREAD = 0.004
-"""Minimum duration of a batch per thread of the cluster (s): all threads share one scheduler and one client, which need
-about 2 ms per batch (docs/sweep.md).
-"""
+"""Minimum batch per thread (s): scheduler and client need about 2 ms per batch (docs/sweep.md)."""
 MAX_BATCH_SIZE = 256
 BATCHES_PER_THREAD = 2
 """Number of batches in progress per thread: one running, one queued."""
@@ -52,12 +48,7 @@ class DaskEngine:
         self._scheduler = scheduler
 
     def results(self, job: Job, tasks: Sequence[Task]) -> Generator[list[Result]]:
-        """Run the tasks of a sweep on the cluster and yield their results in batches.
-
-        Raises:
-            InputRefused: there is no such cluster, it lacks workers, or they are not like this machine.
-            ClusterLost: the cluster was there and is gone.
-        """
+        """Run the tasks and yield results in batches; refuse unlike clusters, raise `ClusterLost` if gone."""
         files = dict.fromkeys((task.drive, text_settings(task.settings)) for task in tasks)
         job = replace(job, files={each: files_digest(job.experiment, *each) for each in files})
         with connect_client(self._scheduler) as client:

@@ -23,13 +23,7 @@ class _SweepEnd(Exception):
 
 
 class SweepPlugin(WorkerPlugin):
-    """Dask worker plugin with one warm process of the sweep per thread.
-
-    It is also installed on workers that join later.
-
-    Args:
-        job: data shared by the runs.
-    """
+    """Dask worker plugin with one warm process per thread, also installed on workers that join later."""
 
     def __init__(self, name: str, job: Job):
         self.name, self._job, self._versions = name, job, versions()

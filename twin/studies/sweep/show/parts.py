@@ -29,8 +29,7 @@ MEDIAN_INDEX = ranking.QUANTILES.index(0.5)
 WIDE_INTERVAL = 0.3
 """Width of a confidence interval above which it stays open whether a parameter matters."""
 COVERAGE_NOTE = "the aim; on functions with known indices they held the truth 92 % of the times, the worst index 82 %"
-"""Empirical coverage, see docs/sweep.md; tests/studies/sweep/statistics/test_sensitivity.py repeats a part of
-it."""
+"""Empirical coverage, see docs/sweep.md; tests/studies/sweep/statistics/test_sensitivity.py repeats a part."""
 FAMILYWISE_LEVEL = 0.05
 """Familywise error rate of the stars, over all parameters of a table together (Holm 1979)."""
 MAX_EQUAL_ROWS = 12
@@ -243,9 +242,7 @@ class SweepQuery:
     """A query for the report of a sweep.
 
     Attributes:
-        by: metric to rank runs by.
         against: other metric of the Pareto front.
-        top: number of best runs to show.
         worst_over: parameter over which every choice of the other parameters is judged by its worst run; None to skip.
     """
 
@@ -256,11 +253,7 @@ class SweepQuery:
 
 
 def parts(sweep: SweepRows, asked: SweepQuery) -> list[ReportPart]:
-    """Return all parts of the report, most important first.
-
-    A sweep with claims starts with the claims and has no best run, since its parameters are uncertain and cannot be
-    chosen.
-    """
+    """Return all parts, most important first; with claims no best run, as uncertain values cannot be chosen."""
     judged = claims_part(sweep)
     found: list[ReportPart | None] = [judged] if judged else [f(sweep, asked) for f in (_best, _margins, _drives)]
     if asked.worst_over is not None:

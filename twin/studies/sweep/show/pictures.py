@@ -58,8 +58,7 @@ MAX_NUMBERED_CELLS = 2_500
 MAX_NAMED_LEVELS = 10
 """Maximum number of levels named along an axis without cell labels."""
 FENCE_FACTOR = 3.0
-"""Distance from the quartiles, in interquartile ranges, beyond which a value is an outlier (Tukey 1977, "outer
-fences")."""
+"""Outliers are farther from the quartiles, in interquartile ranges (Tukey 1977, "outer fences")."""
 PANEL_COLUMNS = 3
 BAND_PANELS = (
     ("A", "z", "z position, estimated (mm)", 1e3),

@@ -30,9 +30,7 @@ USUAL_AGAINST = (SETTLING_TIME, HOLD_ERROR, HOLD_OVERSHOOT, "lateral_error_mm")
 UNRANKED_METRICS = ("end_N", "peak_time_s", "hold_mean_error_N", "hold_begin_s", "hold_end_s", "holds_count",
             "felt_stiffness_N_per_m", "chatter_frequency_Hz")  # fmt: skip
 UNRANKED_MEASURES = ("mean", "peak", "steady_state_error", "frequency")
-"""Metrics of measures without a better direction: the target of a force or signal is its reference. For every other
-metric less is better.
-"""
+"""Metrics without a better direction, whose target is a reference; for every other metric less is better."""
 
 METRIC_DECIMALS = 12
 """Decimals of a metric; differences beyond them are floating-point rounding and do not rank runs."""
@@ -109,13 +107,7 @@ def claims_in(columns: Columns) -> list[str]:
 
 
 def require_rank(option: str, metric: str, known: Sequence[str], claims: Sequence[str] = ()) -> str:
-    """Return a metric after checking that a sweep's runs can be ranked by it.
-
-    Args:
-        option: option of the command line, shown in error messages.
-        known: metrics that a run can have.
-        claims: keys of the claims whose measured quantities are also allowed; see `claims_in`.
-    """
+    """Return a metric if runs can be ranked by it, or by a claim's quantity; `option` begins the message."""
     require_metric(option, metric, [*known, *claims])
     if not claims and _has_no_rank(metric):
         others = ", ".join(name for name in known if not _has_no_rank(name))
@@ -155,10 +147,7 @@ def floor(metric: str, numbers: Numbers) -> Numbers:
 
 @cache_per_columns
 def equal_to_best(columns: Columns, metric: str) -> Positions:
-    """Return the rows of a sweep that do not differ relevantly from the best one, without the best one.
-
-    Ordered by settling time (in steps of its floor), then overshoot, then the metric.
-    """
+    """Return rows not relevantly worse than the best, by settling time (in floors), overshoot, metric."""
     ranked = ranked_rows(columns, metric)
     numbers = rank_value(columns, metric)[ranked]
     if not len(ranked):
@@ -214,7 +203,6 @@ class MetricSpread:
 
     Attributes:
         numbers: values of the runs that have the metric, in the order of runs.
-        missing: number of runs without the metric.
         quantiles: values at `QUANTILES`.
         counts: counts of `HISTOGRAM_BINS` bins of equal width from the smallest to the largest value; of a single bin
             if the values differ only by rounding.
@@ -292,14 +280,7 @@ class WorstRun:
 
 
 def worst_over(columns: Columns, metric: str, label: str, labels: Sequence[str]) -> list[WorstRun]:
-    """Find the worst run over one parameter, for each choice of the other parameters.
-
-    The smallest worst comes first, ties in row order.
-
-    Args:
-        metric: metric to minimise.
-        labels: labels of all varied parameters.
-    """
+    """Find the worst run over one parameter per choice of the others, smallest worst first, ties in order."""
     if not len(columns):
         return []
     others = [
@@ -329,7 +310,6 @@ class DriveScore:
 
     Attributes:
         drive: name; "" for the experiment's own.
-        runs: number of finished runs.
         completed: number of runs done with a number.
         median, worst: median and largest metric over the completed runs; NaN without completed runs.
         behind, behind_interval: median over points of the difference to the first drive, and its 95 % interval; NaN for
@@ -440,7 +420,6 @@ class Likelihood:
 
     Attributes:
         claim: claim judged.
-        holds, judged: number of runs where it holds, and where it is judged; a trivial result is not judged.
         trivial: number of runs where the claim is trivial.
         interval: 95 % interval of the probability.
         quantiles: measured quantity at `QUANTILES`, in the claim's unit; infinity if the event never happens.
@@ -501,10 +480,7 @@ def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Bands:
-    """Pointwise quantiles of a sweep's curves: `bands["position.F_z"]` is (quantiles, n) at times `t` (s); m and N.
-
-    Quantiles over `runs` runs are taken at each time separately: no single run need follow one.
-    """
+    """Quantiles of curves at each time `t` (s) separately: `bands["position.F_z"]` (quantiles, n), m and N."""
 
     t: Curve
     quantiles: dict[str, Curve]

@@ -30,7 +30,6 @@ class Correlation:
         rho: correlation, -1 .. 1; positive if the metric rises with the parameter.
         low, high: 95 % interval.
         p: probability of an equally strong correlation if the two were independent.
-        runs: number of runs used.
     """
 
     rho: float
