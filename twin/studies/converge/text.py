@@ -5,8 +5,7 @@ from itertools import zip_longest
 from math import isfinite
 
 from twin.kernel.serialise import to_dict
-from twin.studies.converge.convergence import CouplingSeries, CouplingStudy, TickPoint
-from twin.studies.converge.order import Order, OrderFinding
+from twin.studies.converge.convergence import CouplingSeries, CouplingStudy, Order, OrderFinding, TickPoint
 from twin.studies.converge.signals import COMPARED_SIGNALS, FORCE_SIGNAL, Signal
 from twin.studies.result import Block, Column, Note, Result, Table, note
 

@@ -44,9 +44,8 @@ def safety(
     Example: twin safety experiments/safety/massage.toml --quick
     """
     from twin.kernel.atomic_write import write_json
-    from twin.studies.safety.changes import old_lines, regressions
     from twin.studies.safety.hazards import read_hazards
-    from twin.studies.safety.text import failures, lines_table, verdict
+    from twin.studies.safety.text import failures, lines_table, old_lines, regressions, verdict
 
     tables = [read_hazards(path) for path in hazards]
     before = old_lines(against) if against else None
