@@ -52,18 +52,10 @@ class BranchOutcome:
     F_z: "np.ndarray"
     departure: float | None
 
-    @property
-    def json_values(self) -> dict[str, Any]:
-        outcome = self.run.outcome
-        return {
-            "branch": self.branch.name,
-            "recording": str(self.run.recording),
-            "leaves_at": self.departure,
-            "peak": self.peak[0],
-            "peak_time": self.peak[1],
-            "end": outcome.end,
-            "trip": self.run.trip,
-        }
+    JSON_KEYS = (
+        "branch=branch.name recording=run.recording leaves_at=departure peak=peak.0 peak_time=peak.1 "
+        "end=run.outcome.end trip=run.trip"
+    )
 
     @property
     def peak(self) -> tuple[float, float]:
@@ -158,6 +150,7 @@ def _result(
     name: str, run: Path, outcomes: Sequence[BranchOutcome], at: float, point: "BranchPoint", home: Path
 ) -> Result:
     from twin.kernel.recording.reader import read
+    from twin.kernel.serialise import to_dict
     from twin.robot.assembly.declared import DECLARED_TABLES
     from twin.robot.experiment.recorded import recorded_values
     from twin.studies.metrics.standing import compare_single_runs
@@ -202,7 +195,7 @@ def _result(
         )
         for number, one in enumerate(outcomes[1:], start=1)
     ]
-    facts = {"at": at, "verdict": compared, "state": point.how, "branches": [one.json_values for one in outcomes]}
+    facts = {"at": at, "verdict": compared, "state": point.how, "branches": to_dict(outcomes)}
     files = {"picture": _reported_path(home / PICTURE_FILE), "next": f"twin report {run} {folders}"}
     return Result(
         headline,

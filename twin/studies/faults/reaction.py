@@ -1,8 +1,8 @@
 """Reaction of the monitor to a fault, and its effect on the person: peak force, times, impulse, energy."""
 
 import hashlib
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -63,12 +63,10 @@ class Reaction:
     failure: str
     digest: str = ""
 
-    def to_dict(self) -> dict[str, Any]:
-        units = {"seen": "s", "acted": "s", "power_off": "s", "below": "s", "peak": "N", "impulse": "N_s"}
-        units |= {"energy": "J", "left": "N"}
-        left_out = ("peak_delay", "above", "end")
-        named = {key: value for key, value in asdict(self).items() if key not in left_out}
-        return {f"{key}_{units[key]}" if key in units else key: value for key, value in named.items()}
+    JSON_KEYS = (
+        "seen_s=seen acted_s=acted power_off_s=power_off below_s=below reason peak_N=peak impulse_N_s=impulse "
+        "energy_J=energy left_N=left failure digest"
+    )
 
 
 def reaction(run: Outcome, experiment: Experiment, onset: int, digest: bool = True) -> Reaction:

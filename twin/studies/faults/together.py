@@ -9,6 +9,7 @@ from enum import StrEnum
 from itertools import product
 from typing import Any, Literal, NamedTuple
 
+from twin.kernel.serialise import to_dict
 from twin.robot.experiment.fault import FAULT_KINDS
 from twin.robot.experiment.together import (
     COMMON_CAUSES,
@@ -188,8 +189,8 @@ class CombinationRow:
             "detectable": self.expects_detection,
             "verdict": self.verdict,
             "failed": self.fails,
-            "with_monitor": self.watched.to_dict(),
-            "without_monitor": self.unwatched.to_dict(),
+            "with_monitor": to_dict(self.watched),
+            "without_monitor": to_dict(self.unwatched),
         }
 
 

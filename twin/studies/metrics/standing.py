@@ -62,6 +62,8 @@ class Difference:
     runs: int
     rank: int
 
+    JSON_KEYS = "mean half_width agreeing runs verdict"
+
     @property
     def verdict(self) -> str:
         return ("better", "same", "worse")[1 + self.rank]
@@ -75,16 +77,6 @@ class Difference:
         mean = fixed_point(self.mean * per_SI, digits, "+")
         interval = f"{mean} +- {self.half_width * per_SI:.{digits}f} {self.measure.unit.text}"
         return f"{interval}, in {self.agreeing} of {self.runs}"
-
-    @property
-    def json_values(self) -> dict[str, Any]:
-        return {
-            "mean": self.mean,
-            "half_width": self.half_width,
-            "agreeing": self.agreeing,
-            "runs": self.runs,
-            "verdict": self.verdict,
-        }
 
 
 def compared_value(key: str, values: Values) -> float | None:

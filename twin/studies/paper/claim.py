@@ -69,6 +69,11 @@ class ClaimFinding:
     verdict: Verdict
     reason: str
 
+    JSON_KEYS = (
+        "claim=claim.key text=claim.text figure=claim.figure quote=claim.quote measured=value unit=claim.unit "
+        "low=claim.low high=claim.high tolerance_source=claim.source verdict reason"
+    )
+
     @property
     def measured_text(self) -> str:
         """Measured value of the claim as text: `5.606 s`, or `never`."""
@@ -99,23 +104,6 @@ def judge_claim(claim: Claim, runs: Any) -> ClaimFinding:
     if claim.miss and claim.miss.low <= value <= claim.miss.high:
         return ClaimFinding(claim, value, "not reproduced", claim.miss.reason)
     return ClaimFinding(claim, value, "holds" if holds else "fails", "")
-
-
-def finding_to_dict(finding: ClaimFinding) -> dict[str, object]:
-    claim = finding.claim
-    return {
-        "claim": claim.key,
-        "text": claim.text,
-        "figure": claim.figure,
-        "quote": claim.quote,
-        "measured": finding.value if math.isfinite(finding.value) else None,
-        "unit": claim.unit,
-        "low": claim.low if math.isfinite(claim.low) else None,
-        "high": claim.high if math.isfinite(claim.high) else None,
-        "tolerance_source": claim.source,
-        "verdict": finding.verdict,
-        "reason": finding.reason,
-    }
 
 
 def failed_keys(findings: Iterable[ClaimFinding]) -> list[str]:

@@ -14,7 +14,7 @@ from twin.kernel.recording.reader import Recording
 from twin.robot.controller.program import PhaseKind, Press, Push, Roll, Tap, Task
 from twin.studies.metrics.response import overshoot, rms
 from twin.studies.paper import fig5_measures as measure
-from twin.studies.paper.claim import Claim, ClaimFinding, failed_keys, finding_to_dict, judge_claim
+from twin.studies.paper.claim import Claim, ClaimFinding, failed_keys, judge_claim
 from twin.studies.paper.task_run import Mask, TaskRun, body_of, drive_of, task_runs, trip_sentence
 
 PRESS_DOWN = "goes down gently"
@@ -201,21 +201,15 @@ class TaskScore:
     manner: str
     findings: tuple[ClaimFinding, ...]
 
+    JSON_KEYS = "recording=path drive body task=run.number kind manner failed=failed_keys claims=findings"
+
     @property
     def kind(self) -> str:
         return self.run.task.kind
 
-    def to_dict(self) -> dict[str, object]:
-        return {
-            "recording": str(self.path),
-            "drive": self.drive,
-            "body": self.body,
-            "task": self.run.number,
-            "kind": self.kind,
-            "manner": self.manner,
-            "failed": failed_keys(self.findings),
-            "claims": [finding_to_dict(finding) for finding in self.findings],
-        }
+    @property
+    def failed_keys(self) -> list[str]:
+        return failed_keys(self.findings)
 
 
 @dataclass(frozen=True)
@@ -225,6 +219,8 @@ class Fig5Score:
     tasks: tuple[TaskScore, ...]
     remarks: tuple[str, ...]
 
+    JSON_KEYS = "failed=failed_keys tasks remarks"
+
     @property
     def findings(self) -> list[ClaimFinding]:
         return [finding for task in self.tasks for finding in task.findings]
@@ -233,14 +229,6 @@ class Fig5Score:
     def failed_keys(self) -> list[str]:
         """Keys of the claims of Fig. 5 that fail for any task, each once."""
         return list(dict.fromkeys(failed_keys(self.findings)))
-
-    def to_dict(self) -> dict[str, object]:
-        return {
-            "figure": "5",
-            "failed": self.failed_keys,
-            "tasks": [task.to_dict() for task in self.tasks],
-            "remarks": list(self.remarks),
-        }
 
 
 def fig5_score(recordings: Sequence[Recording]) -> Fig5Score:

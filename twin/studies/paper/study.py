@@ -6,6 +6,7 @@ from pathlib import Path
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.reader import Recording, read
+from twin.kernel.serialise import to_dict
 from twin.studies.command import write_verdict
 from twin.studies.paper import fig5
 from twin.studies.paper.claim import OWN_CHECKS, PAPER_CLAIMS, ClaimFinding, bound_usage, standing_text, tally
@@ -45,7 +46,7 @@ def fig4_result(score: Fig4Score) -> Result:
         lines += [f"'ok !': known not to be reproduced, and reproduced here: {', '.join(score.reproduced_keys)}."]
     lines += ["", "Tuned to meet the text: " + ", ".join(sorted(key.rpartition(".")[2] for key in score.tuned))]
     lines += [f"Out of scope: {text}" for text in score.out_of_scope]
-    return _result(lines, score.to_dict(), not score.failed_keys and not score.unscored_keys)
+    return _result(lines, {"figure": "4"} | to_dict(score), not score.failed_keys and not score.unscored_keys)
 
 
 def fig5_result(score: fig5.Fig5Score) -> Result:
@@ -60,7 +61,7 @@ def fig5_result(score: fig5.Fig5Score) -> Result:
             title = _two_columns(f"{task.name}: {task.manner}", f"{task.drive} on {task.body}")
             lines += [title, _claims_table(task.findings), ""]
         lines += ["All are judged on the true force and the true position."]
-    return _result(lines, score.to_dict(), not score.failed_keys)
+    return _result(lines, {"figure": "5"} | to_dict(score), not score.failed_keys)
 
 
 def _table(tasks: Sequence[fig5.TaskScore]) -> list[Block]:

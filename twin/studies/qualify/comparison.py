@@ -14,6 +14,7 @@ import numpy as np
 
 from twin.kernel.cosim.observers import simulate
 from twin.kernel.errors import ComponentFailed
+from twin.kernel.serialise import to_dict
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment, with_plant
@@ -262,8 +263,7 @@ def comparison_facts(compared: DriveTrials) -> dict[str, Any]:
             "seeds": list(PAIRED_SEEDS),
             "beside": done[0].name,
             "drives": {
-                name: {one.measure.key: one.json_values for one in found}
-                for name, found in compared.differences().items()
+                name: {one.measure.key: to_dict(one) for one in found} for name, found in compared.differences().items()
             },
         },
     }

@@ -42,6 +42,12 @@ class Indicator:
     r: NDArray[np.float64]
     drift: Drift
 
+    JSON_KEYS = (
+        "name unit matches=drift.matches since_s=drift.since alarm_s=drift.alarm size=drift.size "
+        "baseline=drift.baseline sigma=drift.sigma tolerance=drift.tolerance slack=drift.slack "
+        "threshold=drift.threshold block_s=drift.block"
+    )
+
 
 @dataclass(frozen=True)
 class Replay:

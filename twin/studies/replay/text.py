@@ -144,21 +144,10 @@ def replay_facts(replay: Replay, held: Values) -> dict[str, object]:
         "missing": log.sampling.missing,
         "gaps_s": log.sampling.gaps.tolist(),
         "force_N": {name: to_dict(one) for name, one in replay.statistics.items()},
-        "indicators": [_indicator_facts(one) for one in replay.indicators],
+        "indicators": to_dict(replay.indicators),
         "measures": with_units(held),
         "notes": list(log.notes),
     }
-
-
-def _indicator_facts(one: Indicator) -> dict[str, object]:
-    d = one.drift
-    return to_dict(
-        {
-            "name": one.name, "unit": one.unit, "matches": d.matches, "since_s": d.since, "alarm_s": d.alarm,
-            "size": d.size, "baseline": d.baseline, "sigma": d.sigma, "tolerance": d.tolerance, "slack": d.slack,
-            "threshold": d.threshold, "block_s": d.block,
-        }
-    )  # fmt: skip
 
 
 def draw_replay(replay: Replay, name: str, path: Path) -> None:

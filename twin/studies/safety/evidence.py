@@ -11,6 +11,7 @@ from typing import Any, Literal
 from scipy.stats import binomtest
 
 from twin.kernel.errors import TwinError
+from twin.kernel.serialise import to_dict
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.together import fault_values
 from twin.studies.faults.cases import faults_of, with_share
@@ -52,6 +53,11 @@ class EvidenceRun:
     found: Origin = "grid"
     failure: str = ""
 
+    JSON_KEYS = (
+        "id cause body settings fault=tables seed found failure with_monitor=watched without_monitor=unwatched "
+        "with_ideal_monitor=ideal"
+    )
+
     @property
     def id(self) -> str:
         """Short id of a run: the first digits of the SHA-256 of body, settings, faults and seed."""
@@ -62,21 +68,6 @@ class EvidenceRun:
         tables = ", ".join("{" + ", ".join(f"{k}={_toml(v)}" for k, v in one.items()) + "}" for one in self.tables)
         words = [f"twin run {experiment}", f"--body {self.body}", *(f"--set '{text}'" for text in self.settings)]
         return " ".join([*words, f"--set 'fault=[{tables}]'"])
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "id": self.id,
-            "cause": self.cause,
-            "body": self.body,
-            "settings": list(self.settings),
-            "fault": list(self.tables),
-            "seed": self.seed,
-            "found": self.found,
-            "failure": self.failure,
-            "with_monitor": self.watched and self.watched.to_dict(),
-            "without_monitor": self.unwatched and self.unwatched.to_dict(),
-            "with_ideal_monitor": self.ideal and self.ideal.to_dict(),
-        }
 
 
 def _toml(value: Any) -> str:
@@ -189,7 +180,7 @@ class HazardLine:
             "dangerous": _share_to_dict(self.dangerous_count),
             "distances": self.distances,
             "variants": self.variants,
-            "evidence": [run.to_dict() for run in self.runs],
+            "evidence": to_dict(self.runs),
         }
 
 

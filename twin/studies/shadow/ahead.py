@@ -158,6 +158,8 @@ class ForceDifference:
     largest: float = 0.0
     largest_time: float = math.nan
 
+    JSON_KEYS = "rms_N=rms largest_N=largest at_s=largest_time"
+
     def add(self, t: NDArray[np.float64], away: NDArray[np.float64]) -> None:
         """Add force differences (n,), N, at times `t` (n,), s, to the statistics; NaN is skipped."""
         there = np.isfinite(away)
@@ -196,6 +198,10 @@ class PredictionScore:
     error: ForceDifference = field(default_factory=ForceDifference)
     hold_error: ForceDifference = field(default_factory=ForceDifference)
     what_if_differences: dict[str, ForceDifference] = field(default_factory=dict)
+
+    JSON_KEYS = (
+        "predictions in_band=share error_rms_N=error.rms last_value_rms_N=hold_error.rms what_if=what_if_differences"
+    )
 
     @property
     def share(self) -> float:

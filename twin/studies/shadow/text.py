@@ -207,7 +207,7 @@ def shadow_facts(followed: SessionSummary, name: str) -> dict[str, object]:
             "parted_s": verdict.since,
             "measured": followed.measured_signals,
             "alarm_states": None if followed.changes is None else [_change(one) for one in followed.changes],
-            "ahead": _ahead_facts(followed.ahead) if followed.ahead else None,
+            "ahead": followed.ahead,
             "notes": followed.notes,
         }
     )
@@ -217,16 +217,3 @@ def _change(one: WatchEvent) -> dict[str, object]:
     evidence = {"channel": one.channel, "unit": CHANNELS[one.channel][2], "size": one.size, "since_s": one.since,
                 "level": one.level} if one.channel else {}  # fmt: skip
     return {"t_s": one.t, "state": str(one.state), "alarm": one.alarm, "text": str(one), **evidence}
-
-
-def _ahead_facts(foreseen: PredictionScore) -> dict[str, object]:
-    return {
-        "predictions": foreseen.predictions,
-        "in_band": foreseen.share,
-        "error_rms_N": foreseen.error.rms,
-        "last_value_rms_N": foreseen.hold_error.rms,
-        "what_if": {
-            name: {"rms_N": apart.rms, "largest_N": apart.largest, "at_s": apart.largest_time}
-            for name, apart in foreseen.what_if_differences.items()
-        },
-    }

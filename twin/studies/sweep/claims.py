@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.errors import InputRefused
+from twin.kernel.serialise import to_dict
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.metrics.response import Curve
 from twin.studies.packing import text_of, values_of
-from twin.studies.paper.claim import finding_to_dict
 from twin.studies.paper.fig4 import fig4_score
 from twin.studies.paper.fig4_measures import MIN_DURATION, Fig4Runs
 
@@ -62,8 +62,7 @@ def findings(runs: Fig4Runs) -> dict[str, Any]:
     judged = [finding for finding in (*score.claims, *score.quality) if finding.claim.measure is not None]
     return {
         "claims": {
-            str(facts["claim"]): {"value": facts["measured"], "verdict": facts["verdict"]}
-            for facts in map(finding_to_dict, judged)
+            finding.claim.key: {"value": to_dict(finding.value), "verdict": finding.verdict} for finding in judged
         },
         "curves": _curves(runs),
     }

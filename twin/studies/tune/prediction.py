@@ -252,6 +252,8 @@ class StepAnswer:
     error: float
     bandwidth: float
 
+    JSON_KEYS = "overshoot settling bandwidth"
+
 
 @dataclass(frozen=True)
 class Prediction:

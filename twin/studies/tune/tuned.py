@@ -217,6 +217,8 @@ class StepTrial:
     answer: StepAnswer
     swing: float
 
+    JSON_KEYS = "law overshoot=answer.overshoot settling=answer.settling bandwidth=answer.bandwidth swing"
+
 
 def can_simulate_step(corner: Corner) -> bool:
     """Whether a step can be simulated: [controller.damping] is only for tasks, and tasks make no steps."""
@@ -499,10 +501,6 @@ def _corner_facts(prediction: Prediction, trial: StepTrial | None) -> dict[str, 
         "stiffness": point.parameters.K if point.in_contact else None,
         "stable": prediction.stable,
         "sensitivity": prediction.sensitivity,
-        "predicted": {law: _answer_facts(found) for law, found in prediction.answers.items()},
-        "simulated": trial and {"law": trial.law, **_answer_facts(trial.answer), "swing": trial.swing},
+        "predicted": prediction.answers,
+        "simulated": trial,
     })  # fmt: skip
-
-
-def _answer_facts(found: StepAnswer) -> dict[str, float]:
-    return {key: getattr(found, key) for key in ("overshoot", "settling", "bandwidth")}
