@@ -60,7 +60,8 @@ def _headline(study: CouplingStudy) -> list[Block]:
         f"  the longest tick, and the simplest coupling there, that keeps F_z within {limit}:",
         f"  {_number(1e3 * point.errors[FORCE_SIGNAL.name])} mN, for {1e3 * point.cost:.1f} ms of computing per second",
     ]
-    if (own := _own_point(study)) is not None:
+    own = next((_point_at(one, study.tick) for one in study.series if one.coupling == study.coupling), None)
+    if own is not None:
         error, cost = _number(1e3 * own.errors[FORCE_SIGNAL.name]), 1e3 * own.cost
         blocks.append(f"  as it is, {study.coupling.name} at {1e3 * study.tick:g} ms: {error} mN, {cost:.1f} ms")
         blocks += _why_not(study, own)
@@ -92,11 +93,6 @@ def _settings(study: CouplingStudy) -> str:
     settings |= {name: str(getattr(new, name)) for name in ("scheme", "inputs", "iterations")
              if getattr(new, name) != getattr(old, name)}  # fmt: skip
     return " ".join(f"--set cosim.{key}={value}" for key, value in settings.items())
-
-
-def _own_point(study: CouplingStudy) -> TickPoint | None:
-    """Return the run with the experiment's own coupling and tick; None if missing."""
-    return next((_point_at(one, study.tick) for one in study.series if one.coupling == study.coupling), None)
 
 
 def _point_at(one: CouplingSeries, tick: float) -> TickPoint | None:

@@ -36,7 +36,11 @@ def drive_facts(plan: "DrivePlan") -> dict[str, object]:
 
     return {
         "command": plan.table.command,
-        **_ssp_facts(plan),
+        **(
+            {"ssp": {"file": str(ssp.path), "sha256": ssp.sha256, "version": ssp.version}}
+            if (ssp := plan.system)
+            else {}
+        ),
         "fmus": [
             {
                 "part": part,
@@ -72,12 +76,6 @@ def drive_facts(plan: "DrivePlan") -> dict[str, object]:
         "set": {part: {v.name: to_json(value) for v, value in settings} for part, settings in plan.settings.items()},
         "warnings": plan.warnings(),
     }
-
-
-def _ssp_facts(plan: "DrivePlan") -> dict[str, object]:
-    """Return file, hash and version of an SSP; empty for other drives."""
-    system = plan.system
-    return {"ssp": {"file": str(system.path), "sha256": system.sha256, "version": system.version}} if system else {}
 
 
 def _parameter(v: "Variable") -> dict[str, object]:

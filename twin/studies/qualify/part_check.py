@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.cosim.component import Component
-from twin.kernel.cosim.port import Port, by_port
+from twin.kernel.cosim.port import by_port
 from twin.kernel.cosim.selection import Selection
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
 from twin.kernel.fmi.component import FmuComponent
@@ -280,12 +280,13 @@ def component_facts(done: PartAssessment) -> dict[str, object]:
 def _contract(role: str) -> Table:
     contract = ROLE_CONTRACTS[role]
     rows = [
-        (arrow, _port_text(port), port.unit, port.meaning + " (needed)" * (port.name in needed))
+        (
+            arrow,
+            port.name + f"[{port.size}]" * (port.size > 1),
+            port.unit,
+            port.meaning + " (needed)" * (port.name in needed),
+        )
         for arrow, ports, needed in (("<-", contract.inputs, ()), ("->", contract.outputs, contract.required))
         for port in ports
     ]
     return Table((Column(left=True), Column("", 12, left=True), Column("", 6, left=True), Column(folds=True)), rows)
-
-
-def _port_text(port: Port) -> str:
-    return port.name if port.size == 1 else f"{port.name}[{port.size}]"

@@ -67,9 +67,7 @@ def safety(
         of_table = f" {table.path.stem}" if len(tables) > 1 else ""
         files |= {f"page{of_table}": folder / PAGE_FILE, f"data{of_table}": folder / DATA_FILE}
         parts += ["", lines_table(lines), *failures(lines)]
-        write_json(
-            folder.absolute() / DATA_FILE, {"lines": [line.to_dict() for line in lines], **_without_lines(facts)}
-        )
+        write_json(folder.absolute() / DATA_FILE, facts | {"lines": [line.to_dict() for line in lines]})
     facts["worse"] = list(regressions(before, facts["lines"])) if before is not None else []
     if before is not None:
         sentences = facts["worse"] or ["no line got worse"]
@@ -99,10 +97,6 @@ def refuse_unusable(table: "SafetyTable", settings: Sequence[str]) -> None:
             raise InputRefused(f"{table.path}: {name}: no safety monitor watches {path}; add a table [monitor]")
     for key in asked.keys if asked else ():
         nominal_value(path, settings, key)
-
-
-def _without_lines(facts: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in facts.items() if key != "lines"}
 
 
 def write_page(

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.build import belief
@@ -220,16 +219,3 @@ def watch_blocks(ends: Sequence[float], means: NDArray[np.float64], watch: Shado
     for t, one in zip(ends, means, strict=True):
         watch.add_block(t, one)
     return watch.alarms
-
-
-@dataclass(frozen=True)
-class FalseAlarmRate:
-    """Rate of false alarms on healthy robots, over the watched time without reference blocks (h)."""
-
-    alarms: int
-    hours: float
-
-    @property
-    def upper(self) -> float:
-        """Upper 95 % bound of the false alarm rate (1/h), exact for Poisson (F. Garwood, Biometrika 28 (1936))."""
-        return float(chi2.ppf(0.95, 2 * self.alarms + 2)) / (2.0 * self.hours)

@@ -328,7 +328,8 @@ class Session:
         """Find the cause of a silence of the robot: a missing topic, a missing joint, or values that are not finite."""
         since = self._source.now_ns() - SILENCE_TIMEOUT * 1e9
         columns = {signal: column.name for signal, column in self._columns.items() if signal != TIME_SIGNAL}
-        for topic in sorted({columns[signal].partition(".")[0] for signal in columns if self._is_encoder(signal)}):
+        encoders = [signal for signal in columns if self._wanted[signal].column in ENCODER_COLUMNS]
+        for topic in sorted({columns[signal].partition(".")[0] for signal in encoders}):
             if self._receiver.heard.get(topic, 0) < since:
                 count = count_text(self._source.publisher_count(topic), "publisher")
                 return f"nothing has come of {topic}, which has {count}" if self._live else f"nothing comes of {topic}"
@@ -337,9 +338,6 @@ class Session:
         if names:
             return f"no message has {', '.join(names[:MAX_LISTED_TOPICS])}"
         return "the encoders' values are not finite" if self._receiver.heard else "nothing has come"
-
-    def _is_encoder(self, signal: str) -> bool:
-        return self._wanted[signal].column in ENCODER_COLUMNS
 
     def _watch_publishers(self) -> None:
         """Report topics with more than one publisher, which may contradict each other."""

@@ -217,7 +217,11 @@ def _validate_definition(table: dict[str, Any], place: str) -> SweepFile:
         definition = SweepFile.model_validate(table)
         mistakes = _disagreements(definition)
     except ValidationError as error:
-        mistakes = [_name_vary_tables(sentence) for sentence in error_messages(error, SweepFile, "")]
+        # pydantic's names of [[vary]] tables become those of the file
+        mistakes = [
+            sentence.replace("[.vary.when]", "[[vary]] when:").replace("[.vary]", "[[vary]]").removeprefix("[] ")
+            for sentence in error_messages(error, SweepFile, "")
+        ]
     if mistakes:
         raise InputRefused("\n".join(f"{place}: {mistake}" for mistake in mistakes))
     return definition
@@ -262,11 +266,6 @@ def why_not_saltelli(tables: Sequence[Vary]) -> list[str]:
         for key in ("values", "when")
         if getattr(vary, key) is not None
     ]
-
-
-def _name_vary_tables(sentence: str) -> str:
-    """Replace pydantic's names of [[vary]] tables in an error message by the names in the sweep file."""
-    return sentence.replace("[.vary.when]", "[[vary]] when:").replace("[.vary]", "[[vary]]").removeprefix("[] ")
 
 
 @dataclass(frozen=True)
