@@ -150,7 +150,6 @@ Isolation = Literal["run", "drive", "none"]
 
 
 PictureFormat = Literal["svg", "pdf"]
-"""File formats of pictures for a paper."""
 
 Isolate = Annotated[
     JobIsolation,
@@ -259,7 +258,6 @@ def answer_recording(reporter: "Reporter", name: str, asked: ArgumentValues) -> 
 
 
 def confirm(question: str) -> bool:
-    """Ask a question on the terminal and return whether the user answers yes."""
     import click
 
     return click.confirm(question, err=True)

@@ -48,7 +48,6 @@ PICTURE_STYLE: Look = {
 }
 BARE_STYLE: Look = {"axes.grid": False}
 MAP_STYLE: Look = {"axes.grid": False, "axes.spines.top": True, "axes.spines.right": True}
-"""Style of a filled panel."""
 OF_PROCESS = ("backend", "interactive", "toolbar", "timezone", "date.epoch")
 """Settings of matplotlib that belong to the process and do not affect a picture in a file."""
 
@@ -95,7 +94,6 @@ def write_for_paper(figure: "Figure", path: Path) -> None:
 
 
 def _resize_for_paper(figure: "Figure", columns: int) -> None:
-    """Resize a screen figure to the width, font size and line weights of a paper."""
     from matplotlib.lines import Line2D
     from matplotlib.text import Text
 

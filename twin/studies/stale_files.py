@@ -13,7 +13,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 FOLDER_PREFIX = "twin_scratch_"
-"""Prefix of the folder names."""
 MIN_AGE = 60.0
 """Minimum age (s) of a folder that is removed: a younger one may not have its pipe yet."""
 

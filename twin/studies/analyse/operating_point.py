@@ -119,11 +119,7 @@ def pressing_height(parameters: PlantParameters, x: float, y: float, F_z: float)
 
 
 def point_on_stiffness(point: OperatingPoint, K: float) -> OperatingPoint:
-    """Return the operating point on a surface of stiffness `K` (N/m), moved to keep pose and force.
-
-    Raises:
-        InputRefused: the surface would be pressed deeper than `MAX_DEPTH`.
-    """
+    """Return the point on a surface of stiffness `K` (N/m), at equal pose and force; refuse depths > `MAX_DEPTH`."""
     parameters, (x, y, z) = point.parameters._replace(K=K), point.p_B
 
     def excess(up: float) -> float:

@@ -32,7 +32,6 @@ from twin.studies.analyse.rendering import ZWidth, z_width
 from twin.studies.command import Say
 
 FREQUENCY_COUNT = 240
-"""Number of frequencies evaluated per point."""
 MASS_RANGE, STIFFNESS_RANGE = (0.01, 5.0), (1.0, 50_000.0)
 """Mass (kg) and stiffness (N/m) of environments: fingertip to forearm, almost nothing to a table."""
 

@@ -22,7 +22,6 @@ from twin.studies.analyse.linearised import Linearisation
 from twin.studies.analyse.operating_point import OperatingPoint
 
 WIDTH_FREQUENCIES = 70
-"""Number of frequencies evaluated per cell of the map."""
 VIRTUAL_STIFFNESS = np.geomspace(50.0, 8000.0, 28)
 """Virtual stiffness (N/m)."""
 VIRTUAL_DAMPING = np.geomspace(10.0, 3000.0, 22)

@@ -28,7 +28,6 @@ from twin.studies.command import Say, Steps, ignore_progress
 POSITION_LOOPS, FORCE_LOOPS = LOOPS[:3], LOOPS[3:]
 LAW_LOOPS = {"position": POSITION_LOOPS, "force": FORCE_LOOPS}
 ROUNDING_TOLERANCE = 1e-9
-"""Tolerance for rounding in the magnitude of a pole."""
 MAP_STIFFNESSES = np.geomspace(100.0, 50_000.0, 41)
 """Contact stiffnesses of a stability map (N/m), from fat to a table."""
 MAP_FACTORS = np.geomspace(0.1, 300.0, 61)

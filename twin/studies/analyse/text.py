@@ -16,7 +16,6 @@ from twin.studies.result import NO_BREAK_SPACE, Block, Column, Note, Result, Row
 
 Numbers = NDArray[np.float64]
 DOUBTFUL_RESIDUAL = 0.03
-"""Residual of a drive's model above which the report expresses doubt."""
 TURNING_NOTE = (
     "measured while it turns: at rest its small signals drown in steps or stiction, "
     "so the numbers are valid for larger swings only"

@@ -25,7 +25,6 @@ from twin.studies.check.verdict import CheckRow, CheckVerdict, verdict
 from twin.studies.command import Say
 
 ALL_DRIVES = "all"
-"""Name for all drives of fmus/."""
 CHECK_JOB = "twin.studies.check.job:check_pairs"
 
 

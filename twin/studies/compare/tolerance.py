@@ -364,7 +364,6 @@ def signal_ranges(a: Log) -> dict[str, float]:
 
 
 def no_overlap(a: Log, b: Log, name: str, seconds: float) -> str:
-    """Return the error message for two logs without common instants after alignment."""
     ours, theirs = a[name].t, b[name].t + seconds
     ends = f"{a.path} has {ours[0]:.6g} .. {ours[-1]:.6g} s, {b.path} has {theirs[0]:.6g} .. {theirs[-1]:.6g} s"
     return f"no instants in common: {ends}; align them with --align start, or event or fit with --by SIGNAL"

@@ -171,14 +171,10 @@ def has_monolithic_form(experiment: Experiment) -> bool:
     )
 
 
-def monolithic_rows(
-    experiment: Experiment, drives: Servos, rtol: float = RTOL, atol: NDArray[np.float64] = ATOL
-) -> dict[str, NDArray[np.float64]]:
+def monolithic_rows(experiment: Experiment, drives: Servos) -> dict[str, NDArray[np.float64]]:
     """Run an experiment as one differential equation, without any coupling error.
 
-    Args:
-        experiment: its [cosim] scheme has no effect.
-        rtol, atol: tolerances of the solver, (14,) as the state of `CoupledEquations`.
+    Its [cosim] scheme has no effect.
 
     Returns:
         Outputs of the plant by "plant.port", and "theta_m", "omega_m" and "omega_ref" (n, 3): one row per tick of the
@@ -203,7 +199,7 @@ def monolithic_rows(
         def rate(_t: float, x: NDArray[np.float64], omega_ref: NDArray[np.float64] = omega_ref) -> NDArray[np.float64]:
             return coupled.derivative(omega_ref, x)
 
-        solver = DOP853(rate, 0.0, x, T_s, first_step=T_s, rtol=rtol, atol=atol)
+        solver = DOP853(rate, 0.0, x, T_s, first_step=T_s, rtol=RTOL, atol=ATOL)
         while solver.status == "running":
             solver.step()
         x = solver.y

@@ -23,7 +23,6 @@ ORDER_REMARKS = {
     OrderFinding.AT_FLOOR: ("-", "too few errors are above the reference's own to make an order"),
     OrderFinding.UNSTABLE: ("!", "a run failed: the coupling is not stable at that tick"),
 }
-"""Marks of orders, and their meaning."""
 
 
 def convergence_result(study: CouplingStudy, files: dict[str, str]) -> Result:

@@ -33,7 +33,6 @@ from twin.studies.sweep.plan import Task
 MAX_PASTS = 8
 """Maximum number of pasts in one process: a body each, at rest and moved."""
 TRIAL_JOB = "twin.studies.falsify.judge:judge_run"
-"""The job of a worker process."""
 
 
 @functools.cache

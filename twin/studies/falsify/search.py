@@ -26,7 +26,6 @@ RACE_SHARE = 0.7
 MIN_SPEED_SHARE = 0.01
 """Minimum share of the speed of a drive that creeps after a trip; 0 has no direction."""
 SEED_COUNT = 1000
-"""Number of seeds that the search draws from."""
 
 
 def _number(kind: str) -> int:

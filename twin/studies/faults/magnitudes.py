@@ -47,7 +47,6 @@ UPPER_ENDS = {
     "contact_loss": UpperEnd(40.0, "TOO_LOW: 34 mm below the surface of the scale"),
     "breathing": UpperEnd(25.0, "PENETRATION: 25 mm"),
 }
-"""Upper end of each kind with a magnitude."""
 
 
 def has_two_ways(kind: str) -> bool:

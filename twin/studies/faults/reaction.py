@@ -12,7 +12,6 @@ from twin.studies.faults.onsets import CONTACT_FORCE, FORCE_SIGNAL, PLACE_SIGNAL
 
 SPEED_SIGNAL = "plant.v_B"
 REACTION_SIGNALS = frozenset({FORCE_SIGNAL, PLACE_SIGNAL, SPEED_SIGNAL})
-"""Signals that a reaction is computed from."""
 BEARABLE_FORCE = 10.0
 """Maximum bearable force (N): the force of a firm thumb, two thirds of the force limit."""
 LAST_TIME = 0.1

@@ -112,14 +112,7 @@ class Stage:
         return self._trips[faults]
 
     def delay_second(self, tables: Sequence[dict[str, Any]], delay: float) -> tuple[dict[str, Any], ...]:
-        """Delay the second of two [[fault]] `tables` to `delay` (s) after the trip that the first one causes alone;
-        return both.
-
-        Without a trip the delay counts from the onset of the first.
-
-        Raises:
-            InputRefused: the first one does not fit.
-        """
+        """Return two [[fault]] `tables`, the second `delay` (s) after the trip of the first, or after its onset."""
         first, second = tables
         tick, last = self.experiment.cosim.tick, self.experiment.duration_ticks - 1
         later = min(round((first["onset_s"] + self.trip_after(first) + delay) / tick), last)

@@ -15,7 +15,6 @@ class Estimate(NamedTuple):
 
 
 def display_value(value: float, unit: str) -> float:
-    """Convert an SI `value` to the display unit of reports."""
     return value * DISPLAY_UNITS.get(unit, (1.0, unit))[0]
 
 

@@ -27,7 +27,6 @@ JOINT_ZEROS = slice(JOINT_ZERO, JOINT_ZERO + 3)
 DIFFERENCE_STEP = 1e-5
 """Step of numerical derivatives (sizes)."""
 MAX_STEPS = 12
-"""Maximum number of Gauss-Newton steps."""
 RETURNING_STEPS = 6
 """Number of steps after which excluded windows stay so, as one at a dead zone's edge would alternate forever."""
 CONVERGED_STEP = 1e-4

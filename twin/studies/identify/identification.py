@@ -45,7 +45,6 @@ MIN_LOSS = 0.02
 SLIDING_SPEED = 1e-3
 """Minimum speed of sliding (m/s)."""
 MAX_MU_INTERVAL = 0.1
-"""Maximum half width of a reported coefficient."""
 SETTLED_TIME = 0.35
 """Minimum time in one direction (s): the slowest sweep passes the 0.3 mm of the bristles' stretch."""
 

@@ -132,7 +132,6 @@ def _window(t, motor, joint, F, F_and_later, N) -> tuple[object, ...]:
 
 
 def _slope(t: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Fit straight lines through y (n, ...) over t (n,), and return their slopes."""
     centred = t - t.mean()
     return centred @ y / (centred @ centred)
 

@@ -36,12 +36,7 @@ SignalValues = Callable[[str], NDArray]
 
 
 def distance(formula: Formula, tick: float, held: SignalValues) -> float:
-    """Return the distance of a run from violating `formula`, in the unit of its comparisons; negative if violated.
-
-    Args:
-        tick: time between two values (s).
-        held: the run, of at least one tick.
-    """
+    """Return the distance of a run (one tick, in s, at least) from violating `formula`; negative if violated."""
     return float(_distances(formula, tick, held)[0])
 
 

@@ -44,7 +44,6 @@ LIMIT_SHARE = 0.35
 """Maximum excess of the monitor's limit over the force, as a share, for both to fit one axis."""
 TASK_TITLES = {"press": "A  Pressing", "tap": "B  Tapping", "roll": "C  Rolling", "push": "D  Pushing"}
 SHOWN_TAPS = 3
-"""Number of taps in the panels over time."""
 
 
 def draw_fig5(score: Fig5Score, path: Path) -> None:
@@ -141,7 +140,6 @@ PATH_PANELS: dict[str, Callable[[Axes, TaskRun], None]] = {
     "roll": _draw_circle,
     "push": _draw_line,
 }
-"""Functions that draw the middle panel, by kind of task."""
 
 
 def _draw_force(axes: Axes, run: TaskRun) -> None:

@@ -41,7 +41,6 @@ MAX_VARIABLES = 60
 
 
 VARIABLE_COLUMNS = (Column("", 8, left=True, gap=2), Column("", 10, left=True), Column(folds=True))
-"""Columns after the name of a variable."""
 SLICE_TICKS = 100
 CHECK_TICKS = 500
 """Ticks between two checks for an early end of a run."""
@@ -220,13 +219,7 @@ def refuse_impossible(plan: DrivePlan, system: System, rows: Curve) -> None:
 
 @dataclass(frozen=True)
 class Inputs:
-    """Recorded inputs of a robot part at each of its samples.
-
-    Attributes:
-        t: times of the samples (n,), s.
-        period: sampling period (s).
-        u: inputs (n, inputs), SI.
-    """
+    """Recorded inputs of a robot part: sampling times t (n,), s, sampling period (s), inputs u (n, inputs), SI."""
 
     t: NDArray[np.float64]
     period: float

@@ -30,7 +30,6 @@ from twin.studies.metrics.standing import Difference, Ranks, overall_ranks, pair
 from twin.studies.qualify.definitions import Definition, Measure
 
 PAIRED_SEEDS = range(1, 9)
-"""Seeds of the paired runs."""
 MOTOR_ZERO, JOINT_ZERO = np.radians([0.088, 0.022])
 """Maximum error (rad) of an encoder zero calibrated to one count: 360/4096 and 360/16384 deg."""
 MOTOR_NOISE, JOINT_NOISE = np.radians([0.05, 0.02])

@@ -180,5 +180,4 @@ Finding = Check | Measure
 
 
 def make_check(name: str, right: bool, detail: str, otherwise: Verdict = "FAIL") -> Check:
-    """Build the result of a check: verdict "ok" if `right`, else `otherwise`."""
     return Check(name, "ok" if right else otherwise, detail)

@@ -30,7 +30,6 @@ DRIVE_COLUMNS = (
 
 
 def drive_facts(plan: "DrivePlan") -> dict[str, object]:
-    """Return the facts of a drive for JSON: FMUs, roles, wires, parameters, warnings."""
     from twin.kernel.fmi.description import capability_rows
     from twin.kernel.fmi.variable import to_json
 
@@ -86,7 +85,6 @@ def _parameter(v: "Variable") -> dict[str, object]:
 
 
 def drive_text(plan: "DrivePlan") -> str:
-    """Return the facts of a drive as text of at most `text_width` columns."""
     from twin.kernel.fmi.description import KIND_NAMES, capability_rows
     from twin.kernel.fmi.variable import to_json
     from twin.robot.assembly.drives import qualified_name

@@ -320,13 +320,7 @@ def frequency_response(plan: DrivePlan) -> tuple[Curve, Curve]:
 
 
 def bandwidth(frequencies: Curve, gain: Curve, steady_gain: float) -> Measure:
-    """Measure a drive's bandwidth: the frequency where its amplitude ratio first falls below 1/sqrt(2) of its value.
-
-    The reference value is that at the lowest frequency.
-
-    Args:
-        steady_gain: static speed over command, for a drive too slow for the lowest frequency.
-    """
+    """Measure where the gain first falls below 1/sqrt(2) of that at the lowest frequency, else of `steady_gain`."""
     if gain[0] < HALF_POWER * abs(steady_gain):
         return Measure("bandwidth", None, f"less than {LOWEST_FREQUENCY:g} Hz")
     if not gain[0] > 0.0:

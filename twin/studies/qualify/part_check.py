@@ -25,7 +25,6 @@ from twin.studies.qualify.definitions import Check, make_check
 from twin.studies.result import Block, Column, Note, Result, Table
 
 VERDICT_NAMES = {"ok": "ok", "FAIL": "fails", "note": "note"}
-"""Check verdict -> word in the report."""
 MAX_REPEATED_CALLS = 1000
 """Maximum number of calls in a check that repeats another."""
 MAX_DELAY_SAMPLES = 20

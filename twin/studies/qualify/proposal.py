@@ -42,9 +42,7 @@ LOOP_TEMPLATE = """
 # period_ms = 0.25
 """
 MAX_UNFED_INPUTS = 20
-"""Maximum number of unconnected inputs listed."""
 MAX_PARTS = 50
-"""Maximum number of parts of a drive."""
 
 
 def proposal(description: FmuDescription) -> tuple[str, bool]:
@@ -91,7 +89,6 @@ def interpret_variables(file: str, variables: Mapping[str, Variable]) -> tuple[C
 
 
 def roles_text(variables: Mapping[str, Variable], found: RoleChoice, command: Command) -> str:
-    """Return the tables [inputs] and [outputs] of a proposed mapping.toml."""
     return "".join(_table(variables, found, drive_roles(command), side) for side in ("input", "output"))
 
 

@@ -66,7 +66,6 @@ def lifecycle_findings(plan: DrivePlan, apart: bool) -> list[Finding]:
 
 
 def check_fields(reporter: Reporter, table: Drive, name: str) -> dict[str, str]:
-    """Run one check of a drive in a process of its own and return its fields."""
     return asdict(_bookkeeping_check(name, plan_drive(table)))
 
 

@@ -38,7 +38,6 @@ MEASURE_HEADS = {
     "hold_error": "hold", "hold_overshoot": "over", "hold_settling_time": "settle", "chatter": "chatter",
     "held_lateral_error": "lateral", "held_z_error": "z", "current": "peak I", "shaft_work": "work", "energy": "energy",
 }  # fmt: skip
-"""Titles of narrow columns, by the key of a measure of the run."""
 DRIVE_MEASURES = ("current", "shaft_work", "energy", "cost")
 PAIRED_COLUMNS = (Column("", 32, left=True), Column("difference", 44, left=True, gap=2))
 COMMAND_COLOR, SPEED_COLOR, LOAD_COLOR, MARK_COLOR = GREY, PAPER_BLUE, "#c2571a", INK

@@ -399,12 +399,7 @@ def deviations(run: BareRun, results: Series) -> list[SignalDeviation]:
 
 @dataclass(frozen=True)
 class ReferenceOutcome:
-    """Outcome of a reference experiment of an FMU.
-
-    Attributes:
-        word: key of `OUTCOME_MEANINGS`.
-        deviations: signal -> largest deviation, in multiples of the tolerance.
-    """
+    """Outcome of a reference experiment: key of `OUTCOME_MEANINGS`, deviations by signal in tolerances."""
 
     experiment: str
     word: str
@@ -447,7 +442,6 @@ def references(file: Path, apart: bool, limits: JobLimits = JobLimits()) -> Refe
 
 
 def outcome_fields(reporter: Reporter, file: str, number: int) -> dict[str, Any]:
-    """Run one reference experiment of an FMU in a process of its own and return the fields of its outcome."""
     trial = reference_files(Path(file)).trials[number]
     return asdict(outcome_of(Path(file), trial, lambda outcome: reporter.note(outcome=asdict(outcome))))
 

@@ -93,7 +93,6 @@ def _time(table: CsvTable, numbers: Sequence[str]) -> list[str]:
 
 
 def _angles(table: CsvTable, numbers: Sequence[str]) -> Iterator[list[str]]:
-    """Propose map entries for the encoders of both sides of the springs."""
     triples = [one for one in triples_of(table, numbers) if one.counts or _dimension(one.unit) == ANGLE_DIMENSION]
     found = {side: [one for one in triples if one.words & set(words)] for side, words in SIDE_WORDS.items()}
     # if one of two triples is known, the other follows

@@ -33,7 +33,6 @@ MODEL_TABLES = {name: DECLARED_TABLES.tables[name] for name in ("plant", "contac
 
 
 OWN_PARTS = ("estimator", "body")
-"""Parts that must be the twin's own."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,6 @@ class RobotModel:
 
 
 def load_model(path: Path, settings: Iterable[str] = ()) -> RobotModel:
-    """Load the believed robot of an experiment file, with `settings` as of `twin run --set`."""
     return model_of(load_experiment(path, settings))
 
 

@@ -38,7 +38,6 @@ JOINT_RESIDUAL = (Port("theta_l", 3, "rad", "joint angles of the plant model les
 SETTLING_TIME = 1.0
 """Settling time before each start (s): 20 time constants of the springs with the joint friction, 5 with a quarter."""
 RESTART_TEXT = "the plant model starts anew, at rest"
-"""Text of the event of a restart after a gap."""
 
 Rows = dict[str, NDArray[np.float64]]
 """Rows by topic, (n, width); an all-NaN row is missing."""
@@ -52,12 +51,7 @@ class Happening(NamedTuple):
 
 
 class Part(Protocol):
-    """Interface of a twin's part, which turns samples into output rows.
-
-    Attributes:
-        topics: ports of its topics.
-        happenings: events since they were last cleared.
-    """
+    """Interface of a part that turns samples into rows: ports by topic, events since they were last cleared."""
 
     topics: dict[str, tuple[Port, ...]]
     happenings: list[Happening]

@@ -28,13 +28,7 @@ Outputs = dict[str, NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Indicator:
-    """Residual of a replay that is tested for a changed mean.
-
-    Attributes:
-        name: `force`, or `joint 1` .. `joint 3`.
-        unit: `N` or `rad`.
-        t, r: times (n,), s, and values (n,) of the residual.
-    """
+    """Residual tested for a changed mean: `force` (N) or `joint 1` .. `joint 3` (rad), t (n,) in s, r (n,)."""
 
     name: str
     unit: str

@@ -30,7 +30,6 @@ from twin.studies.replay.sample_columns import ENCODERS, F_Z, INPUTS, OMEGA_REF
 MAX_LOG_TIME = 1e8
 """Maximum time of a log (s), three years."""
 MAX_LISTED_NAMES = 12
-"""Maximum number of names listed in an error message."""
 
 
 @dataclass(frozen=True)

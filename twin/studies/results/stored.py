@@ -39,7 +39,6 @@ MAX_VALUE_LENGTH = 40
 """Maximum length of a value in the text (characters); a list of waypoints does not fit in a line."""
 DETAIL_INDENT = " " * 6
 MAX_LISTED_FILES = 10
-"""Maximum number of unremoved files shown in the text."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,6 @@ class StoredRun:
 
     @property
     def other_files(self) -> list[Path]:
-        """Files in the run's folder that twin did not write."""
         return sorted(set(self._files).difference(self.own_files))
 
     @cached_property
@@ -399,7 +397,6 @@ def removal_text(doomed: Sequence[StoredRun]) -> str:
 
 
 def remove_runs(doomed: Sequence[StoredRun]) -> str:
-    """Remove the folders of stored runs and return a sentence on the result."""
     size = 0
     others = sum(len(run.other_files) for run in doomed)
     for run in doomed:

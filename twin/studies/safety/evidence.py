@@ -134,7 +134,6 @@ class HazardLine:
 
     @property
     def search_count(self) -> int:
-        """Number of runs made by the search for a worse case."""
         return len(self._runs_of("search"))
 
     def _runs_of(self, origin: Origin) -> list[EvidenceRun]:

@@ -20,7 +20,6 @@ from twin.robot.experiment.mistakes import check_table, numbered_tables
 from twin.robot.experiment.source import read_source
 
 LIMIT_KINDS = {"limit_N": "peak force", "limit_kPa": "pressure over the head", "limit_s": "time above 10 N"}
-"""Limited quantity of each key of a limit."""
 PAIR_SEPARATOR, ORDER_SEPARATOR = " + ", ", then "
 """Separators of fault kinds: of faults that begin together, and of a second fault after the trip of the first."""
 ASSUMED_PREFIX = "assumed"

@@ -39,7 +39,6 @@ img{max-height:24cm}.runs table,.runs td code{font-size:.5rem}.runs td,.runs th{
 MIN_PUBLISHED = 2
 """Minimum number of published pain thresholds of a table."""
 SECURITY_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-"""The Content-Security-Policy of pages without scripts."""
 STATUS_CLASSES = {"kept": "kept", "exceeded": "exceeded", "exceeded as stated": "stated", "failed": "failed"}
 
 

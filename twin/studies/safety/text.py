@@ -42,7 +42,6 @@ def lines_table(lines: Sequence[HazardLine]) -> Table:
 
 
 def failures(lines: Sequence[HazardLine]) -> list[Block]:
-    """Format the first failed run of each failed hazard line, with its error message."""
     found: list[Block] = []
     for line in lines:
         if line.failed_runs:

@@ -75,7 +75,6 @@ UNUSED_TABLES = {
     "scale": "it moves nothing",
     "fault": "branches have none",
 }
-"""Tables without an effect on a branch -> reason."""
 
 
 def _meaning(what: str) -> str:
@@ -94,10 +93,10 @@ BAND_PORTS = tuple(
 AHEAD_PORTS = (MADE_PORT, *PREDICTION_PORTS, *BAND_PORTS)
 
 
-def cholesky_first(P: NDArray[np.float64], first: Sequence[int] = PRESSING_STATES) -> NDArray[np.float64]:
-    """Compute the Cholesky columns (n, len(first)) of `P` (n, n) that have the whole variance of the states `first`."""
+def cholesky_first(P: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the Cholesky columns (n, 3) of `P` (n, n) that have the whole variance of `PRESSING_STATES`."""
     left, columns = P.copy(), []
-    for k in first:
+    for k in PRESSING_STATES:
         deviation = math.sqrt(max(left[k, k], 0.0))
         columns.append(left[:, k] / deviation if deviation else np.zeros(len(P)))
         left -= np.outer(columns[-1], columns[-1])
@@ -266,7 +265,6 @@ class SessionBranches:
         self._closing.close()
 
     def predicting_part(self, law: OwnController, state: RobotState) -> PlantPart:
-        """Create the part of a twin that predicts the robot; it wraps controller and state."""
         return _PredictingPart(self, law, state)
 
     @property

@@ -32,7 +32,6 @@ FIRST_BLOCKS = 2
 SETTLING_TIME = 0.5
 """Time after a start of the filter during which residuals are ignored (s)."""
 MIN_BLOCK_SHARE = 0.5
-"""Minimum share of a block's samples."""
 RATE_RESERVE = 5.0
 """Factor between requested and computed rate, because blocks are neither normal nor independent."""
 CONFIRMING_LEVEL = 0.5
@@ -51,7 +50,6 @@ CHANNELS = {
 """Watched residuals -> output of the filter, element, unit. `spread` is NIS per count; `command` is the largest
 difference between the robot's commands and the commands of the twin's own controller."""
 ONE_SIDED_CHANNELS = ("spread", COMMAND_CHANNEL)
-"""Channels whose decrease is ignored."""
 SUM_COUNT = 2 * len(CHANNELS) - len(ONE_SIDED_CHANNELS)
 """Number of sums that may alarm."""
 RATE_ERROR = 0.1
@@ -114,7 +112,6 @@ class WatchState(StrEnum):
 
 
 WAITING_STATES = (WatchState.GATHERING, WatchState.REIDENTIFYING, WatchState.COOLING_DOWN)
-"""States without an update of the sums."""
 
 
 @dataclass(frozen=True)

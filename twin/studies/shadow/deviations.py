@@ -24,7 +24,6 @@ most a tenth of all samples exceeds 1.96 deviations."""
 SPRING_KEY, DEAD_ZONE_KEY = "plant.k_s_Nm_per_rad", "plant.backlash_deg"
 NOT_IDENTIFIED = "this robot was not identified yet: `twin identify`"
 NIS_SAMPLES = 500
-"""Number of samples over which NIS is averaged."""
 
 
 def is_identified(experiment: Experiment, key: str) -> bool:

@@ -21,14 +21,14 @@ KNOWN_DRIVE = 0.1
 """Process noise of a known drive (rad/s2/sqrt(Hz)): a lag of 20 ms off by 1 %, 10 rad/s2 changing at 10 Hz."""
 
 
-def shadow_of(experiment: Experiment, noises: Noises = Noises()) -> Shadow:  # noqa: B008, it is a tuple
+def shadow_of(experiment: Experiment) -> Shadow:
     plant = experiment.plant
     return Shadow(
         plant_parameters(plant, experiment.contact),
         belief(experiment),
         Sensors(plant.motor_noise, plant.joint_noise),
         drive_model(experiment),
-        noises,
+        Noises(),
     )
 
 

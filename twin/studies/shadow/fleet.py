@@ -40,7 +40,6 @@ from twin.studies.sweep.plan import Vary, plan_of, read_definition
 ZERO_RANGE = 0.05
 """Range of the encoder zeros, to both sides (deg)."""
 MAX_LOST_SHARE = 0.05
-"""Maximum share of lost samples."""
 MAX_STAMP_ERROR, MAX_STAMP_ERROR_SHARE = 0.8e-3, 0.4
 """Maximum error of a stamp, either way (s), and as a share of the sampling period: stamps stay in order."""
 TOLERANCE_MARGIN = 1.25
@@ -177,11 +176,9 @@ def own_commands(twin: Experiment, samples: RobotSamples) -> Columns:
     return farthest_command(rows)
 
 
-def block_means(
-    twin: Experiment, samples: RobotSamples, block: float = BLOCK_LENGTH
-) -> tuple[list[float], NDArray[np.float64]]:
+def block_means(twin: Experiment, samples: RobotSamples) -> tuple[list[float], NDArray[np.float64]]:
     y = filter_outputs(shadow_of(twin), samples) | own_commands(twin, samples)
-    found = list(Blocks(block).add_samples(samples.t, y))
+    found = list(Blocks().add_samples(samples.t, y))
     return [t for t, _ in found], np.array([means for _, means in found]).reshape(-1, len(CHANNELS))
 
 

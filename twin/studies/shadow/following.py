@@ -51,7 +51,6 @@ COMMAND_RESIDUAL = (Port("omega_ref", 3, "rad/s", "motor speeds that the twin's 
 
 DEVIATION_COLUMNS = port_slices(OUTPUTS)["deviation"]
 RARE_TOPICS = ("ahead", "what_if", "scale")
-"""Topics with fewer rows than samples."""
 
 
 class PlantPart(Part, Protocol):
@@ -325,7 +324,6 @@ class Twin:
 
     @property
     def topics(self) -> dict[str, tuple[Port, ...]]:
-        """Output ports of all parts by topic."""
         return {topic: ports for part in self.parts for topic, ports in part.topics.items()}
 
     def feed(self, samples: RobotSamples) -> Rows:

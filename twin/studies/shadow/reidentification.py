@@ -55,7 +55,6 @@ SPRING_CHANGE, CONTACT_CHANGE = 0.02, 0.25
 PLACE_SIZE = 5e-3
 """Minimum extent (m) of positions that determine a slope."""
 MIN_SAMPLES = 100
-"""Minimum number of samples, and of force values."""
 MIN_GROUPS = 4
 """Minimum number of groups of windows, 2 s each, for their scatter."""
 SPRING_PRECISION = 1e-3

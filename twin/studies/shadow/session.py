@@ -54,9 +54,7 @@ HINT_TIMEOUT = 10.0
 JOINT_SEARCH_MESSAGES = 200
 """Number of messages without a joint's name after which the joint is reported as missing."""
 MIN_PERIOD_SAMPLES = 100
-"""Minimum number of samples for a report on an irregular period."""
 MAX_LISTED_TOPICS = 6
-"""Maximum number of listed topics."""
 RATE_CHANGE = 0.1
 """Minimum relative change of the period that is an event."""
 LONGEST_STEP = 1e6
@@ -401,7 +399,6 @@ class Session:
         one.notes += [f"{count} publishers on {topic}" for topic, count in self._several.items()]
 
     def line(self) -> str:
-        """Format the status line of the session, below 80 columns."""
         counts, period = self._aligner.counts, self._aligner.period
         if self.followed.silent and self._newest is not None:
             quiet = (self._source.now_ns() - self._newest) / 1e9

@@ -16,7 +16,6 @@ from twin.studies.shadow.mapping import followed_columns, readings_of
 
 TRANSPORT_NAMES = ("ros2", "zenoh")
 JOINT_NAMES = ("m1", "m2", "m3", "l1", "l2", "l3")
-"""Joint names of a map template."""
 
 
 def transport_of(source: str) -> str:

@@ -62,7 +62,6 @@ def _announce(text: str) -> None:
 
 
 def _print(text: str) -> None:
-    """Print a message of the session to standard error, over the status line."""
     print(("\r" if sys.stderr.isatty() else "") + terminal_text(text), file=sys.stderr, flush=True)
 
 

@@ -31,7 +31,6 @@ RESIDUAL_UNITS = {
 }
 """Text, unit and scale by kind of residual."""
 UNITS = {"force": "N", "plant joint": "rad", "command": "rad/s"}
-"""SI unit by kind of residual."""
 
 
 def status_line(t: float, period: float, late: float, counts: Counts, NIS: float, level: float, joints: float) -> str:

@@ -86,7 +86,6 @@ def read_tolerances(path: Path, digest: str) -> RateTolerances | None:
 
 
 def write_tolerances(path: Path, digest: str, limits: RateTolerances) -> None:
-    """Write the alarm's tolerances to `path`; SI units."""
     rates = {f"{rate:g}": asdict(one) for rate, one in limits.items()}
     write_text(path, json_text({"digest": digest, "rates_Hz": rates}, indent=1) + "\n")
 

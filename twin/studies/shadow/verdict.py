@@ -131,13 +131,7 @@ class SessionSummary:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict of a session of robot and twin.
-
-    Attributes:
-        kind: "match", "part" (they diverge) or "not watched".
-        since: time of divergence (s); NaN if robot and twin match.
-        text: half a sentence.
-    """
+    """Verdict of a session: "match", "part" (they diverge) or "not watched"; `since` (s) is NaN if they match."""
 
     kind: str
     since: float

@@ -33,12 +33,9 @@ _presses = _Presses()
 
 @contextmanager
 def defer_interrupts() -> Iterator[None]:
-    """Defer Ctrl-C within the block until `raise_interrupt`; the third press ends the process.
+    """Defer Ctrl-C within the block until `raise_interrupt` or its end; the third press ends the process.
 
     Nothing changes outside the main thread, or where SIGINT is ignored or has a handler, such as a notebook's.
-
-    Raises:
-        KeyboardInterrupt: at the end of the block, if Ctrl-C was pressed and not raised yet.
     """
     global _presses
     if not _in_main_thread() or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:

@@ -31,7 +31,6 @@ Value = bool | int | float | str
 _DISTRIBUTION_KEYS = {"normal": ("mean", "std"), "lognormal": ("median", "sigma")}
 _TOML_KEYS = {"low": "from", "high": "to"}
 MAX_PLANNED_RUNS = 10_000_000
-"""Maximum number of runs planned in memory."""
 _END_MARGIN = 2.0**-53
 """Half a unit in the last place of 1; keeps draws away from 0 and 1, where quantiles are infinite."""
 
@@ -89,7 +88,6 @@ class Vary(_SweepTable):
         return self.when is None or (self.when.key in chosen and chosen[self.when.key] == self.when.value)
 
     def levels(self) -> tuple[Value, ...]:
-        """Return the values that the keys of this [[vary]] table take in a grid."""
         if self.values is not None:
             return tuple(self.values)
         assert self.low is not None and self.high is not None and self.count is not None
@@ -348,7 +346,6 @@ def _draw_point(tables: list[Vary], chosen: dict[str, Value], u: NDArray[np.floa
 
 
 def block_width(dimensions: int) -> int:
-    """Return the number of runs in one block of a Saltelli design."""
     return dimensions + 2
 
 

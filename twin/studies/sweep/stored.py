@@ -124,7 +124,6 @@ def claim(folder: Path, plan: "SweepPlan") -> None:
 
 
 def stored_sweep(folder: Path) -> SweepRows:
-    """Load the sweep stored in a folder."""
     facts = _read_json(folder / SWEEP_FILE, _FACTS_ADAPTER)
     if not facts:
         raise InputRefused(

@@ -21,9 +21,7 @@ MAX_UNASKED_RUNS = 100_000
 
 
 EngineName = Literal["local", "dask"]
-"""Executor of the runs."""
 Record = Literal["none", "failures", "all"]
-"""Runs that are recorded in full."""
 By = Annotated[str | None, Option("Metric to rank by; without it, the hold error.", "METRIC", "--by")]
 
 

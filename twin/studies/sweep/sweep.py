@@ -121,13 +121,7 @@ class _Tally:
 
 @dataclass(frozen=True)
 class SweepEstimate:
-    """Estimated cost of the runs of a sweep in time and disk space.
-
-    Attributes:
-        start: time from the start of a worker to the end of its first run (s).
-        run: time of each further run (s).
-        size: disk space per run (bytes).
-    """
+    """Estimated cost: a worker's start and first run (s), each further run (s), disk space per run (bytes)."""
 
     start: float
     run: float

@@ -125,7 +125,6 @@ def record_run(path: Path, drive: str | None, settings: Sequence[str], folder: P
 
 
 def _status_and_reason(problem: Exception) -> tuple[str, str]:
-    """Return (status, reason) of a sweep's run that ended with an error."""
     match problem:
         case InputRefused():
             return "refused", str(problem)

@@ -201,7 +201,6 @@ def _component(one: Mapping[str, Any], tick: float) -> str:
 
 
 def _duration(own: float | None) -> str:
-    """Format a duration that is given in microseconds."""
     return "in a loop" if own is None else f"{own:.2f} us" if own < 1e3 else f"{1e-3 * own:.1f} ms"
 
 

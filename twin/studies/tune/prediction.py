@@ -276,7 +276,6 @@ class Prediction:
 
 
 def predict(corner: Corner, gains: LawGains) -> Prediction:
-    """Predict stability, sensitivity and step responses of some gains at one corner by the linear model."""
     A, _, _ = close_loops(corner, gains)
     radius = float(np.abs(np.linalg.eigvals(A)).max())
     if radius >= 1.0:
@@ -292,9 +291,8 @@ def close_loops(
 ) -> tuple[Matrix, Matrix, Matrix]:
     """Close both control laws at a corner; return the closed loop as (A, B, C).
 
-    Inputs are p_ref (3,) and F_z_ref, outputs true position (3,) and pressing force.
-
-    The force law's integral is a state only where that law acts with an integral gain.
+    Inputs are p_ref (3,) and F_z_ref, outputs true position (3,) and pressing force. The force law's integral is a
+    state only where that law acts with an integral gain.
 
     Args:
         factors: factors on the loops x, y, z and force (4,), applied where `sensitivities` opens them.
@@ -318,9 +316,7 @@ def close_loops(
 
 
 def sensitivities(corner: Corner, gains: LawGains) -> np.ndarray:
-    """Compute the sensitivity 1/(1+L) (m, 3 or 4) of each loop at a corner, with the others closed.
-
-    The loops are x, y, z and, where it acts, force.
+    """Compute the sensitivity 1/(1+L) (m, 3 or 4) of the loops x, y, z and any force, with the others closed.
 
     The result is the diagonal of (1 + L)^-1 with L the matrix of all loops: opening loop i alone leaves 1/((1 +
     L)^-1)_ii as its return difference (Skogestad and Postlethwaite 2005, Multivariable Feedback Control, Sec. 10.6).

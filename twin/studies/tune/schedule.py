@@ -27,7 +27,6 @@ from twin.studies.tune.touchdown import HOLD_ERROR, HOLD_OVERSHOOT, WholeRun, pr
 STIFFNESS_RANGE = (300.0, 5000.0)
 """Default stiffness range (N/m)."""
 MAX_STIFFNESS_RATIO = 2.0
-"""Maximum ratio between neighbouring stiffnesses."""
 STIFFNESS_ERROR_FACTOR = 1.3
 """Factor of the stiffness estimate's error in either direction: the tolerance of [controller.tissue]."""
 MAX_ERROR_RATIO = 1.05

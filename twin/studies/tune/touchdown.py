@@ -11,7 +11,6 @@ from twin.robot.run.runs import RunRequest, Runs
 from twin.studies.tune.prediction import LawGains, with_gains
 
 HOLD_OVERSHOOT, HOLD_SETTLING, HOLD_ERROR = JUDGED_MEASURES = "hold_overshoot", "hold_settling_time", "hold_error"
-"""Measures with goals."""
 NEVER_TEXT, NONE_TEXT = "never", "none"
 """Text of a force that never settles, and of a measure that does not exist."""
 FAILURE_MISS = 10.0

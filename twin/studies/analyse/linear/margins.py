@@ -51,7 +51,6 @@ MAX_SPREAD = 60.0
 MIN_FALL, MIN_NORM = 1e-13, 1e-300
 """Thresholds below which a decrease of the norm, and a matrix, count as zero."""
 BOUND_TOLERANCE = 1e-5
-"""Maximum relative difference of equal bounds."""
 REFINED_POINTS = 25
 """Number of frequencies examined on either side of the smallest margin, in each of two refinements."""
 

@@ -54,7 +54,6 @@ class Provenance:
 
     @property
     def text(self) -> str:
-        """One line on a digitised curve's origin for the reader of a comparison."""
         figure, done = self.head.figure, self.head.digitised
         return f"Fig. {figure.number} {figure.panel}, {figure.curve}: digitised by {done.by} on {done.on}, {done.tool}"
 

@@ -33,7 +33,6 @@ COVERAGE_NOTE = "the aim; on functions with known indices they held the truth 92
 FAMILYWISE_LEVEL = 0.05
 """Familywise error rate of the stars, over all parameters of a table together (Holm 1979)."""
 MAX_EQUAL_ROWS = 12
-"""Maximum number of rows of the best run and its equals."""
 COMPANION_TITLES = {SETTLING_TIME: "settles s", HOLD_OVERSHOOT: "overshoot %", FELT_STIFFNESS: "felt N/m"}
 """Additional measures in the tables of runs, and their column titles."""
 MAX_FRONT_ROWS = 8
@@ -42,7 +41,6 @@ MAX_WORST_ROWS = 40
 MAX_HEADLINE_VALUES = 3
 """Maximum number of parameter values of the best run in the headline; with more, they are only in the table."""
 BIN_SHADES = " .:-=+*#"
-"""Shades of histogram bins in text, from empty to fullest."""
 HISTOGRAM_TITLE = "least to most"
 SENSITIVITY_KEYS = ("correlation", "indices")
 """Keys of the parts that the text has with `--sensitivity` only; JSON and page always have them."""

@@ -45,7 +45,6 @@ from twin.studies.sweep.statistics.ranking import (
 from twin.studies.sweep.stored import SweepRows
 
 MAX_DOTS = 50_000
-"""Maximum number of dots that are all drawn."""
 DRIVE_COLORS = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, "#000000")
 DRIVE_MARKERS = "osD^vP*X"
 MAX_STACKED_DOTS = 4
