@@ -109,7 +109,6 @@ class NearestRun:
         share: smallest distance as a share of the healthy distance.
         run: number of the run, from 1.
         first: number of the first violating run of this kind; None without one.
-        ended: reason of an early end; None for a completed run.
     """
 
     wrong: TriedFault

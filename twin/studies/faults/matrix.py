@@ -29,7 +29,6 @@ class FaultRow:
         in_contact: whether the healthy robot touches the body at the onset.
         limit: force limit of the monitor (N).
         healthy_peak: largest true force of the healthy run from the onset on (N).
-        watched, unwatched: reactions with the monitor and without.
         stays: whether the fault lasts to the end of the run.
         ideal: largest force (N) if all drives lost their power as soon as the true force reached the limit, which no
             sensor of the robot could show sooner; None for a row within its bound.

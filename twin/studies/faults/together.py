@@ -127,7 +127,6 @@ class CombinationRow:
         onset: onset of the first fault (s).
         in_contact: whether the healthy robot touches the body at the onset.
         limit: force limit of the monitor (N).
-        watched, unwatched: reactions with the monitor and without.
         ideal: largest force (N) with an ideal monitor; None without a trip.
     """
 

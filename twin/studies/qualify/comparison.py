@@ -168,7 +168,6 @@ class DriveTrial:
         run: true signals, up to the failure if there was one.
         failure: error that ended the run early; empty if it completed.
         repeats: measures of the paired runs, in the order of `PAIRED_SEEDS`; empty if one of them failed or tripped.
-        unjudged: reason why the drive is not judged; empty if it is.
     """
 
     name: str

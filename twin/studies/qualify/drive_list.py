@@ -168,7 +168,6 @@ class ListedDrive(NamedTuple):
         name: name of the folder, as accepted by `--drive`.
         kind: "servo" (takes a speed), "motor" (twin's velocity loop commands it), "parts" (several FMUs); "" if the
             drive does not fit.
-        description: description of the FMU, one line.
         problem: reason why the drive does not fit; empty if it does.
     """
 

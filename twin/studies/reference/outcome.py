@@ -255,7 +255,6 @@ class BareRun:
         t: time (s), (rows,).
         signals: variable name -> values in the FMU's own units, the first element of an array, (rows,).
         unknown: requested names that are not a single number of this FMU.
-        failure: error that ended the run early.
     """
 
     step: float

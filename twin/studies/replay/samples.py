@@ -145,7 +145,7 @@ def robot_samples(log: Log, belief: Belief) -> RobotSamples:
 
 
 def hold_until_sampled(samples: RobotSamples, column: int, t: NDArray[np.float64], values: NDArray[np.float64]) -> None:
-    """Write `values` (m,) of times `t` (m,), s, into a column, at the next sample; the newest of several counts."""
+    """Write `values` (m,) of times `t` (m,), s, into a column, at the next sample, the newest of several."""
     at = np.searchsorted(samples.t, t)
     there = at < len(samples.t)
     samples.u[at[there], column] = values[there]

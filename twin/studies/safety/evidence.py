@@ -39,7 +39,6 @@ class EvidenceRun:
         watched: reaction with the monitor; None if the run failed.
         unwatched: reaction without the monitor; None if that run was not made.
         ideal: reaction of an ideal monitor, which cuts all power at the trip; None without a trip, or if not made.
-        failure: error message of a run that failed; "".
     """
 
     cause: str

@@ -25,7 +25,6 @@ class ReceivedSlice:
 
     Attributes:
         samples: completed samples, in order.
-        unread: error messages of unreadable messages.
         late: delays after their samples (s) of the estimates that missed their deadline.
     """
 

@@ -212,7 +212,12 @@ def _slow_motion(samples: RobotSamples, believed: Belief) -> SlowMotion | None:
 
 
 def _cautious_line(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.int64]) -> Line | None:
-    """Fit a line like `line` with intervals at least as for independent errors, minus a group per extra coefficient."""
+    """Fit a line to clustered data like `line`, with intervals at least as wide as for independent errors, since few
+    groups can agree by chance; None with too few groups.
+
+    Each coefficient beyond a slope and a constant takes one group from the degrees of freedom (Cameron and Miller 2015,
+    Sec. VI.D).
+    """
     groups = len(np.unique(cluster))
     found = line(A, y, cluster) if groups >= MIN_GROUPS else None
     if found is None:

@@ -76,7 +76,6 @@ class Session:
         live: whether the source is live, so that silence is an event.
         announce: receives messages for terminals without a status line.
         watched: part of `twin` that raises alarms, if any.
-        viewer: live view, if any.
     """
 
     def __init__(

@@ -201,7 +201,11 @@ def scale_matrix(M: Complex, log_D: Matrix) -> Complex:
 
 
 def best_scaling(M: Complex, start: Matrix) -> Matrix:
-    """Find the scaling log D (k,) that minimises the largest singular value of D M D^-1, by Schatten norms."""
+    """Find the diagonal scaling log D (k,) that minimises the largest singular value of D M D^-1.
+
+    The largest singular value is a convex function of log D with edges where singular values are equal; sums of their
+    powers are smooth and approach it with the exponent (Schatten norms).
+    """
     found = start
     for exponent in NORM_EXPONENTS:
         found = _minimise_norm(M, found, exponent)
