@@ -28,7 +28,7 @@ def known_kinds(kinds: Sequence[str]) -> tuple[str, ...]:
 def cases(
     experiment: Experiment, kinds: Sequence[str], onsets: Sequence[float], duration: float | None
 ) -> tuple[Case, ...]:
-    """List each kind's faults, on its first target, by magnitude and onset (s); `duration` (s) None: to the end."""
+    """List the faults of each kind's first target by magnitude and onset (s); a `duration` of None lasts to the end."""
     end = experiment.duration_ticks * experiment.cosim.tick
     for onset in onsets:
         if not 0.0 <= onset < end:

@@ -58,7 +58,7 @@ UNKNOWN_PARAMETER = "which parameter is not known"
 
 
 def run_length(H: float) -> float:
-    """Compute the mean number of blocks between false alarms of one sum at the tolerance's edge; `H`: threshold."""
+    """Compute the mean number of blocks between false alarms of a sum at the tolerance's edge; `H` in sigma."""
     b = H + 1.166
     return 2.0 * (math.expm1(b) - b)
 

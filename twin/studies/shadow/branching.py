@@ -107,7 +107,7 @@ def _spring(p: NDArray) -> NDArray[np.float64]:
 
 
 class Branching:
-    """System of an experiment, simulated ahead from any state; tick (s), controller period (ticks)."""
+    """System of an experiment, simulated ahead from any state, with tick (s) and controller period (ticks)."""
 
     def __init__(self, experiment: Experiment, where: str = ""):
         others = {role: part for role, part in experiment.stand_ins.items() if role not in ("monitor", "scale")}
