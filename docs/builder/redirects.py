@@ -24,6 +24,7 @@ MOVED_PAGES = {
     "performance": "building",
     "python_reference": "python",
     "replay": "compare",
+    "roles_reference": "roles",
     "ros2": "export",
     "shadow_method": "shadow_reference",
     "shadow_method#the-state": "identification_method",

@@ -10,11 +10,12 @@ from tests.docs.code_blocks import PROSE, blocks, pages
 from tests.docs.workshop import Workshop
 
 LANGUAGES = ("python", "sh", "toml", "c", *PROSE)
-# the tutorial is run in an environment of its own, see test_tutorial
+ELSEWHERE = ("docs/tutorial.md", "docs/seven_questions.md")
+"""Pages run by test_tutorial, in an environment of its own, and by test_seven_questions."""
 WITH_CODE = [
     page
     for page in pages(ROOT)
-    if page != "docs/tutorial.md" and any(block.language not in PROSE for block in blocks(ROOT, page))
+    if page not in ELSEWHERE and any(block.language not in PROSE for block in blocks(ROOT, page))
 ]
 
 

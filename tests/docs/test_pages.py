@@ -1,5 +1,7 @@
 """What pages say of the repository is so."""
 
+import json
+import re
 import zipfile
 from pathlib import Path
 from xml.etree import ElementTree
@@ -38,3 +40,20 @@ def test_the_drives_without_macos_are_those_that_the_readme_names(root: Path, dr
     lacking = {n for n, drive in drives.items() if not any("darwin" in name for name in drive.namelist())}
     assert lacking == {"python_servo"}
     assert "macOS (not `python_servo`)" in (root / "README.md").read_text()
+
+
+def test_pages_state_one_time_for_make_test(root: Path):
+    row = re.compile(r"make test`?[^-\w].*?(\d+) minutes")
+    pages = ("README.md", "CONTRIBUTING.md", "docs/building.md")
+    times = {name: row.findall((root / name).read_text()) for name in pages}
+    assert all(len(found) == 1 for found in times.values()), times
+    assert len({found[0] for found in times.values()}) == 1, times
+
+
+def test_pages_state_one_time_for_fig_4(root: Path):
+    growth = {one["name"]: one for one in json.loads((root / "docs/performance.json").read_text())}
+    stepping = f"{growth['stepping Fig. 4, slow drives']['seconds'][0]:.3f} s"
+    for name in ("how_it_works.md", "building.md"):
+        page = " ".join((root / "docs" / name).read_text().split())
+        assert f"stepped in {stepping} and, with recording, in 0.05 s" in page, name
+    assert "take about 0.05 s" in (root / "README.md").read_text()

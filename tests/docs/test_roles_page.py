@@ -1,4 +1,4 @@
-"""docs/roles_reference.md has the ports of every part that may be third-party, as the robot's table has them."""
+"""docs/roles.md has the ports of every part that may be third-party, as the robot's table has them."""
 
 import re
 from pathlib import Path
@@ -10,7 +10,7 @@ from twin.robot.assembly.roles import ROLE_CONTRACTS
 
 @pytest.mark.parametrize("role", ROLE_CONTRACTS)
 def test_the_page_has_the_ports_of_a_part(root: Path, role: str):
-    page = (root / "docs" / "roles_reference.md").read_text().partition("## The ports")[2]
+    page = (root / "docs" / "roles.md").read_text().partition("## The ports")[2]
     section = re.split(r"\n##+ ", page.partition(f"### `{role}`\n")[2])[0]
     written = [
         tuple(c.strip() for c in line.strip("|").split("|")) for line in section.splitlines() if line.startswith("| `")

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from tests.command_line import twin
+from tests.docs.code_blocks import blocks
 from tests.kernel.fmi.archives import redescribed
 from tests.kernel.fmi.test_component import made, run
 from twin.kernel.errors import InputRefused
@@ -98,3 +99,19 @@ def test_as_a_drive_a_load_in_an_unstated_unit_is_asked_for(built: Path, tmp_pat
     done = twin("drive", "check", "Rpm.fmu", cwd=tmp_path)
     assert done.returncode == 2 and "Traceback" not in done.stderr
     assert "speed_cmd" in done.stderr
+
+
+@pytest.mark.slow
+def test_the_drive_of_the_page_is_built_with_its_options_and_qualifies(root: Path, tmp_path: Path):
+    page = blocks(root, "docs/make_a_drive.md")
+    (slave,) = (block for block in page if block.language == "python")
+    (build,) = (line for block in page for line in block.text.splitlines() if "-m pythonfmu build" in line)
+    (printed,) = (block.text for block in page if "QUALIFIED" in block.text)
+    (tmp_path / slave.file_name).write_text(slave.text)
+    command = [sys.executable, *build.split()[1:]]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    done = twin("drive", "check", "Lag.fmu", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(printed)
+    checks = [line.split()[:2] for line in done.stdout.splitlines() if line.startswith("  ok ")]
+    assert [name for _, name in checks][-2:] == ["state", "written"]

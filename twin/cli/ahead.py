@@ -11,7 +11,6 @@ from twin.report.page import DRAW_JOB
 from twin.studies.sweep import WORKER_JOB
 
 RUN_JOB = "twin.robot.live.runs:recorded_runs"
-"""Job of `twin run`."""
 COMMAND_JOBS = {"run": RUN_JOB, "report": DRAW_JOB, "sweep": WORKER_JOB, "explore": ANSWER_JOB}
 _EXCLUDING_WORDS = {
     "run": {"--help", "--live", "--sweep", "none", "--isolate=none"},
@@ -26,10 +25,7 @@ MAX_REPORT_WORDS = 6
 
 @contextmanager
 def start_expected_job() -> Iterator[None]:
-    """Start in advance the process that the command line probably needs: for a run, a report's picture or a sweep.
-
-    The process ends with the block if unclaimed.
-    """
+    """Start in advance the process (run, picture, sweep) that the words need, probably; it ends with the block."""
     job = _expected_job(sys.argv[1:])
     if not job:
         yield

@@ -40,7 +40,6 @@ class StudyCommand(click.Command):
 
     @cached_property
     def function(self) -> Callable[..., Any]:
-        """The Python function of the command's study, imported on first use."""
         found: Callable[..., Any] = getattr(import_module(self._text.module), self._text.function)
         return found
 
@@ -123,12 +122,9 @@ class _NumberRange(click.FloatRange):
 
 
 class CommandList(click.Group):
-    """A group of commands whose help lists them by section, each with its complete first sentence.
+    """A group of commands whose help lists them by `sections`, each with its complete first sentence.
 
-    Args:
-        name: name of the group; "" for all commands of twin.
-        sections: headings of the list, and the names below each.
-        default: command to use if the command line names none of the group.
+    The group of all commands is called ""; a command line that names no command gets `default`.
     """
 
     def __init__(
@@ -180,11 +176,7 @@ def twin_command() -> CommandList:
 
 
 def run_command_line(words: list[str]) -> int:
-    """Run the command line `words` and return its exit code.
-
-    Raises:
-        InputRefused: the command line is invalid.
-    """
+    """Run the command line `words` and return its exit code; InputRefused if it is invalid."""
     twin = twin_command()
     if wanted := os.environ.get(COMPLETE_VARIABLE):
         from click.shell_completion import shell_complete

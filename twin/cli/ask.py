@@ -31,7 +31,6 @@ from twin.studies.command import (
 )
 
 NoteListener = Callable[[dict[str, Any]], None]
-"""Callback for a note of a job."""
 RECORD_JOB = "twin.studies.command:answer_recording"
 LIMIT_OPTIONS = ("limit_step", "limit_wall")
 """Options with the limits of a process, in the order of `JobLimits`."""
@@ -40,10 +39,8 @@ LIMIT_OPTIONS = ("limit_step", "limit_wall")
 def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
     """Run a study for a command: print its answers as text or JSON, and end the process with its exit code.
 
-    Raises:
-        SystemExit: the exit code is not 0.
-        InputRefused: limits of a process were given without a process (--isolate none).
-        TwinError: the study raised one, or an FMU ended its process; see `run_isolated` and `run_recording_job`.
+    SystemExit: the code is not 0. InputRefused: limits of a process without a process (--isolate none). TwinError: the
+    study raised one, or an FMU ended its process, see `run_isolated` and `run_recording_job`.
     """
     marked: Study = vars(function)["study"]
     own = inspect.signature(function).parameters
@@ -125,15 +122,9 @@ def run_recording_job(
 ) -> Any:
     """Run a job that records runs and return its result; error messages include the state of the recording.
 
-    Args:
-        job, arguments, limits: see `run_guarded`.
-        isolate: "none" to run it in this process.
-        on_note: callback for its notes; None for the display's own.
-
-    Raises:
-        ComponentFailed: an FMU crashed, hung or ended the process after stepping had begun.
-        StudyInterrupt: Ctrl-C, after the folder was created.
-        TwinError: the job raised one.
+    Arguments are as of `run_guarded`; with the isolation "none" it runs in this process, and without `on_note` the
+    display gets its notes. ComponentFailed: an FMU crashed, hung or ended the process after stepping had begun.
+    StudyInterrupt: Ctrl-C, after the folder was created. TwinError: the job raised one.
     """
     on_note = on_note or display.on_note
     try:

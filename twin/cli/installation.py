@@ -92,11 +92,9 @@ def installed_table(package: str = "twin") -> dict[str, Any]:
 
 
 def package_findings(project: dict[str, Any], clone: bool = True) -> list[Finding]:
-    """Check Python, the required packages, and each extra.
+    """Check Python, the required packages and each extra of `project` (see `project_table`).
 
-    Args:
-        project: see `project_table`.
-        clone: whether twin is installed from a clone, which pip can install again, and whose user may develop twin.
+    In a `clone`, pip can install twin again, and its user may develop twin.
     """
     return [
         _python_finding(project["requires-python"]),

@@ -5,18 +5,7 @@ from typing import Any
 
 from twin.kernel.archive import sha256
 from twin.robot.paths import PROJECT_FOLDER
-from twin.robot.run.measures import (
-    LARGE_OVERSHOOT,
-    SECOND_KEYS,
-    MeasuredValue,
-    Values,
-    first_measures,
-    fixed_point,
-    labelled_text,
-    measured_values,
-    value_text,
-    with_units,
-)
+from twin.robot.run import measures
 from twin.studies.result import count_text, wrap_text
 
 MAX_EVENTS = 20
@@ -24,13 +13,12 @@ MAX_EVENTS = 20
 
 
 def run_text(run: Mapping[str, Any]) -> str:
-    """Format the result of a run for people, in at most 80 columns except for paths.
+    """Format the result of a run (fields of `twin.robot.run.Run`, `real_time_factor`, `remarks`, `experiment`).
 
-    Args:
-        run: fields of `twin.robot.run.Run`, `real_time_factor`, `remarks`, and the name of the `experiment`.
+    At most 80 columns except for paths.
     """
     speed = f"{run['simulated']:g} s at {run['real_time_factor']:.0f} x real time"
-    values = measured_values(run["outcome"]["measures"])
+    values = measures.measured_values(run["outcome"]["measures"])
     lines = [f"{run['experiment']}  {speed}{_warning(values)}", *(f"  {remark}" for remark in run["remarks"])]
     lines += [*_hold(values), *_outcome(run["outcome"], run["held"]), *_events(run), *_robot(run), *_drives(run)]
     for role, text in run["parts"].items():
@@ -55,21 +43,22 @@ def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
         "trip": run["trip"],
         "changed": run["changed"],
         "punctuality": run["punctuality"],
-        "measures": with_units(measured_values(run["outcome"]["measures"])),
+        "measures": measures.with_units(measures.measured_values(run["outcome"]["measures"])),
         "held": [dict(one) for one in run["held"]],
         "events": [{"t_s": t, "level": level, "text": text} for t, level, text in run["events"]],
     }
 
 
-def _warning(values: Values) -> str:
+def _warning(values: measures.Values) -> str:
     """Return a warning of a run's large overshoot, `  OVERSHOOT 34.0 %, 1.70 N`; "" if it is not large."""
     share = values["hold_overshoot"].value
-    if share is None or share <= LARGE_OVERSHOOT:
+    if share is None or share <= measures.LARGE_OVERSHOOT:
         return ""
-    return f"  OVERSHOOT {value_text('hold_overshoot', values)}, {value_text('hold_overshoot_force', values)}"
+    texts = [measures.value_text(name, values) for name in ("hold_overshoot", "hold_overshoot_force")]
+    return f"  OVERSHOOT {', '.join(texts)}"
 
 
-def _hold(values: Values) -> Iterator[str]:
+def _hold(values: measures.Values) -> Iterator[str]:
     """Format the measures of a run's held force, or the reason why they are missing, then torque and work."""
     error, begin, end = (values[key] for key in ("hold_error", "hold_begin", "hold_end"))
     if error.value is None or begin.value is None or end.value is None:
@@ -77,20 +66,20 @@ def _hold(values: Values) -> Iterator[str]:
     else:
         # the remark on how they are measured follows the first one only
         remark, values = error.reason, {key: _drop_remark(error.reason, one) for key, one in values.items()}
-        first = first_measures(values)
+        first = measures.first_measures(values)
         first[0] += f" ({remark})" if remark else ""
         if values["chatter_frequency"].value is not None:
-            first[-1] += f" at {value_text('chatter_frequency', values)}"
+            first[-1] += f" at {measures.value_text('chatter_frequency', values)}"
         holds = values["holds"].value or 1.0
         parts = f" in {holds:.0f} parts" * (holds > 1.0)
         yield from wrap_text(f"{begin.value:.1f} to {end.value:.1f} s{parts}: {', '.join(first)}", _row("held", ""))
     # skip zeros: a robot that stays on its axis has no lateral error
-    rest = (labelled_text(key, values) for key in SECOND_KEYS if (values[key].value or 0.0) > 1e-6)
+    rest = (measures.labelled_text(key, values) for key in measures.SECOND_KEYS if (values[key].value or 0.0) > 1e-6)
     yield from wrap_text(", ".join(rest), _row("", ""))
 
 
-def _drop_remark(remark: str, one: MeasuredValue) -> MeasuredValue:
-    return MeasuredValue(one.value) if one.value is not None and one.reason == remark else one
+def _drop_remark(remark: str, one: measures.MeasuredValue) -> measures.MeasuredValue:
+    return measures.MeasuredValue(one.value) if one.value is not None and one.reason == remark else one
 
 
 def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -101,7 +90,7 @@ def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> I
         for one in held:
             yield from wrap_text(_held_text(one, len(held) > 1), _row("", ""))
         if "end_x" in outcome and not held:
-            x, y = (fixed_point(outcome[key], 2) for key in ("end_x", "end_y"))
+            x, y = (measures.fixed_point(outcome[key], 2) for key in ("end_x", "end_y"))
             yield _row("", f"{x} N along x, {y} N along y in the last second")
         if outcome["force_error"] is not None:
             yield _row("", f"error since the first touch {outcome['force_error']:.2f} N rms, force loop on")

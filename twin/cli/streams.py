@@ -43,9 +43,7 @@ class Outlet(_Stream):
     def write(self, text: str) -> int:
         """Write text to standard output; return the number of characters.
 
-        Raises:
-            NoReader: the reader has gone.
-            NotWritten: the stream cannot be written.
+        NoReader: the reader has gone. NotWritten: the stream cannot be written.
         """
         with _writing_output():
             return self._stream.write(text)
@@ -120,7 +118,6 @@ class EscapingTerminal(_Stream):
     """Wrapper of a terminal's output that escapes control characters: `\x07` instead of a bell."""
 
     def write(self, text: str) -> int:
-        """Write text to the terminal with control characters escaped."""
         return self._stream.write(_CONTROL_CHARACTERS.sub(lambda found: repr(found[0])[1:-1], text))
 
 

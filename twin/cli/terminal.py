@@ -40,10 +40,7 @@ def compiling_text(done: int, about: int, seconds: float) -> str:
 
 
 class PlainProgress:
-    """Progress display without a terminal, or on one that cannot rewrite its line: a line per minute of long waits.
-
-    Base class of the other displays.
-    """
+    """Progress display without a terminal or a line to rewrite: a line per minute of long waits. Base of the others."""
 
     _printed = False
     _name, _duration = "", 0.0
@@ -228,7 +225,6 @@ class CompileWatch:
         self._thread = threading.Thread(target=self._look, daemon=True)
 
     def start(self) -> None:
-        """Start watching the cache of compiled code."""
         self._thread.start()
 
     def end(self) -> None:
@@ -250,12 +246,8 @@ class CompileWatch:
 class TerminalDisplay:
     """Display of a command: progress on standard error if that is a terminal, results of runs on standard output.
 
-    Args:
-        as_json: whether results are printed as JSON.
-        loading: whether a run loads immediately; its compilation is then announced without a terminal too.
-
-    Attributes:
-        folder: folder of the current run; None before the first.
+    The results are JSON if `as_json`. A run that loads immediately announces its compilation without a terminal too.
+    `folder` is the folder of the current run; None before the first.
     """
 
     def __init__(self, as_json: bool = False, loading: bool = True):
@@ -315,7 +307,6 @@ class TerminalDisplay:
             self._progress.begin(self._name, note["duration"])
 
     def clear(self) -> None:
-        """Erase the progress line for other output."""
         self._watch.end()
         self._progress.clear()
 

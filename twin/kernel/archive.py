@@ -30,14 +30,7 @@ def sha256(file: Path) -> str:
 
 
 def entries(file: Path, kind: str = "FMU") -> dict[str, int]:
-    """Check that an archive is undamaged and safe to unpack, and return its entry names and unpacked sizes (bytes).
-
-    Args:
-        kind: "FMU" or "SSP", for error messages.
-
-    Raises:
-        InputRefused: not a zip, damaged, an entry that points outside or is a link, too many or too large entries.
-    """
+    """Check that an archive is undamaged and safe to unpack, and return its entry names and unpacked sizes (bytes)."""
     try:
         with zipfile.ZipFile(file) as archive:
             infos = archive.infolist()
@@ -73,11 +66,7 @@ def entry_path(info: zipfile.ZipInfo) -> str:
 
 
 def entry_of(source: str, names: dict[str, int], base: str) -> str:
-    """Resolve a relative URI inside an archive to one of the entry names `names`; "" if it is not among them.
-
-    Args:
-        base: entry that contains the URI.
-    """
+    """Resolve a relative URI in the entry `base` to one of the entry names `names`; "" if it is not among them."""
     if re.match(r"[A-Za-z][A-Za-z0-9+.-]*:|/", source):
         return ""
     path = unquote(re.split(r"[?#]", source)[0])
@@ -87,11 +76,7 @@ def entry_of(source: str, names: dict[str, int], base: str) -> str:
 
 
 def read_entry(file: Path, entry: str, limit: int = MAX_TEXT_BYTES) -> bytes:
-    """Read the content of an entry of the archive `file`, which `entries` must have accepted.
-
-    Raises:
-        InputRefused: the entry has more than `limit` bytes.
-    """
+    """Read the content of an entry of the archive `file`, which `entries` must have accepted."""
     with zipfile.ZipFile(file) as archive:
         info = next(info for info in archive.infolist() if entry_path(info) == entry)
         if info.file_size > limit:

@@ -24,11 +24,9 @@ def make_folder(folder: Path) -> Path:
 def atomic_write(path: Path) -> Iterator[Path]:
     """Write a file atomically: yield a temporary path in its folder, and rename that to `path` if the block succeeds.
 
-    Missing folders are created. A link is followed: its target is replaced, the link stays.
-
-    Raises:
-        InputRefused: a folder, pipe or device is at `path`, which a file must not replace.
-        NotWritten: the folder or the disk refuses; an existing file at `path` is unchanged.
+    Missing folders are created. A link is followed: its target is replaced, the link stays. InputRefused: a folder,
+    pipe or device is at `path`, which a file must not replace. NotWritten: the folder or the disk refuses, and an
+    existing file is unchanged.
     """
     with translate_disk_errors(path, caught=PATH_ERRORS):
         target = Path(os.path.realpath(path))
@@ -57,12 +55,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 
 def refuse_unwritable(path: Path) -> None:
-    """Check that a file could be written to `path`, before there is data to write; create missing folders.
-
-    Raises:
-        InputRefused: a folder, pipe or device is at `path`.
-        NotWritten: the folder refuses.
-    """
+    """Check that a file could be written to `path`, before there is data to write; create missing folders."""
     with contextlib.suppress(_DryRunEnd), atomic_write(path):
         raise _DryRunEnd
 
@@ -73,13 +66,7 @@ class _DryRunEnd(Exception):
 
 @contextlib.contextmanager
 def open_unbuffered(path: Path) -> Iterator[Callable[[str], None]]:
-    """Truncate the file at `path` and yield a function that appends text to it without buffering.
-
-    Appended text survives a crash.
-
-    Raises:
-        NotWritten: the folder or the disk refuses, also in `append`.
-    """
+    """Truncate the file at `path` and yield a function that appends text to it, which survives a crash."""
 
     def append(text: str) -> None:
         rest = text.encode("utf-8")

@@ -36,18 +36,13 @@ _locked_folders: dict[Path, tuple[int, int]] = {}
 def cache_folder(name: str) -> Path:
     """Create the folder `name` in the user's cache if missing, and return it.
 
-    Raises:
-        InputRefused: it belongs to another user or cannot be written, or TWIN_CACHE is invalid.
+    InputRefused: it belongs to another user or cannot be written, or TWIN_CACHE is invalid.
     """
     return private_folder(private_folder(cache_base()) / name)
 
 
 def cache_base() -> Path:
-    """Return the location of twin's cache: the variable TWIN_CACHE, or the platform's cache folder.
-
-    Raises:
-        InputRefused: TWIN_CACHE is not an absolute path, or there is no home folder.
-    """
+    """Return the location of twin's cache: the variable TWIN_CACHE, or the platform's cache folder."""
     given = os.environ.get(CACHE_VARIABLE, "")
     try:
         base = Path(given).expanduser() if given else _default_base()
@@ -62,11 +57,7 @@ def cache_base() -> Path:
 
 
 def private_folder(folder: Path) -> Path:
-    """Check that only the user can write to `folder`, create it if missing, and return it.
-
-    Raises:
-        InputRefused: it belongs to another user, others can write to it, or the user cannot.
-    """
+    """Check that only the user can write to `folder`, create it if missing, and return it; else InputRefused."""
     with translate_disk_errors(folder, "cannot be made a cache folder", InputRefused, CACHE_REMEDY):
         try:
             found = folder.stat()
@@ -87,13 +78,9 @@ def private_folder(folder: Path) -> Path:
 
 
 def discard_foreign(path: Path) -> None:
-    """Remove `path` below a `private_folder` if it, or anything in it, is accessible to other users.
+    """Remove `path` below a `private_folder` if it, or anything in it, is accessible to other users, or OSError.
 
-    Another user may have created it while the parent folder was open to others. The removal is reported on standard
-    error.
-
-    Raises:
-        OSError: it cannot be renamed.
+    Another user may have created it while the parent folder was open to others. Reported on standard error.
     """
     why = ownership_problem(path)
     if why:
@@ -129,7 +116,6 @@ def ownership_problem(path: Path) -> str:
 
 
 def _owner_problem(*found: os.stat_result) -> str:
-    """Return an error message if files do not belong to the user; "" if they all do."""
     if not hasattr(os, "geteuid"):
         return ""
     others = {_owner(one) for one in found} - {os.geteuid()}
@@ -148,11 +134,7 @@ def _permission_problem(found: os.stat_result) -> str:
 
 
 def lock_against_eviction(folder: Path) -> bool:
-    """Lock a cache folder against eviction while this process lives, mark it as used, and return whether it exists.
-
-    Raises:
-        OSError: it exists and cannot be used.
-    """
+    """Lock a cache folder while this process lives and mark it as used; return whether it exists. OSError: unusable."""
     try:
         os.utime(folder)
         inode = folder.stat().st_ino
@@ -178,10 +160,7 @@ def lock_against_eviction(folder: Path) -> bool:
 
 
 def _entries_below(folder: str | os.PathLike[str]) -> Iterator["os.DirEntry[str]"]:
-    """Yield all files and folders below `folder` recursively, a folder before its entries.
-
-    Pathlib would take ten times as long.
-    """
+    """Yield all files and folders below `folder`, a folder before its entries; pathlib would take ten times as long."""
     folders: list[str | os.PathLike[str]] = [folder]
     while folders:
         # another process may remove it meanwhile
@@ -193,14 +172,9 @@ def _entries_below(folder: str | os.PathLike[str]) -> Iterator["os.DirEntry[str]
 
 
 def evict(home: Path, most: int, names: re.Pattern[str] = _HASH_NAME) -> None:
-    """Remove the least recently used folders or files of the cache folder `home` until `most` remain; locked ones stay.
+    """Remove the least recently used entries of a `private_folder` until `most` remain; locked ones stay.
 
-    Abandoned unfinished folders are removed too.
-
-    Args:
-        home: a `private_folder`.
-        most: number to keep.
-        names: names that count; other entries stay.
+    Entries whose name does not match `names` stay too. Abandoned unfinished folders are removed.
     """
     used: list[tuple[float, Path]] = []
     for entry in home.iterdir():
@@ -218,11 +192,7 @@ def evict(home: Path, most: int, names: re.Pattern[str] = _HASH_NAME) -> None:
 
 
 def remove(path: Path) -> None:
-    """Remove the folder or file `path` atomically, by renaming it before its deletion.
-
-    Raises:
-        OSError: it cannot be renamed.
-    """
+    """Remove the folder or file `path` atomically, by renaming it before its deletion; OSError if that fails."""
     aside = path.with_name(f".{path.name[:12]}-{os.getpid()}-{time.monotonic_ns()}")
     path.rename(aside)
     _delete(aside)

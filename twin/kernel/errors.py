@@ -26,10 +26,7 @@ class InputRefused(TwinError):
 
 
 class NotWritten(TwinError):
-    """Error that a file cannot be written: read-only folder, full disk. The previous file is unchanged.
-
-    The previous file is unchanged.
-    """
+    """Error that a file cannot be written: read-only folder, full disk. The previous file is unchanged."""
 
     exit_code = 3
 
@@ -79,12 +76,7 @@ def translate_disk_errors(
 ) -> Iterator[None]:
     """Raise errors of the disk in the block as `kind`, with one message: `a.csv: cannot be written: No space left`.
 
-    Args:
-        place: file or folder.
-        trouble: predicate of the message, such as "cannot be written".
-        kind: error class to raise.
-        remedy: advice, appended to the message.
-        caught: errors to translate; `PATH_ERRORS` if a path may contain a NUL.
+    `caught` has to be `PATH_ERRORS` if a path may contain a NUL.
     """
     try:
         yield
@@ -94,13 +86,10 @@ def translate_disk_errors(
 
 
 def nearest(got: str, known: Iterable[str], otherwise: str = "known are {}", most: int = 1) -> str:
-    """Return a hint from a misspelt name to the most similar known name: `did you mean 'kp_per_s'?`
+    """Return a hint from a misspelt name `got` to the most similar known name: `did you mean 'kp_per_s'?`
 
-    Args:
-        got: misspelt name. A known name that contains it as whole words is preferred to a similar one: a missing unit
-            is the most common error.
-        otherwise: result if no known name is similar; {} is replaced by all of them.
-        most: maximum number of suggestions.
+    A known name that contains it as whole words comes first, as a missing unit is the most common error. `otherwise` is
+    the hint without a similar name, {} in it for all known names.
     """
     names = list(known)
     close = close_matches(got, names, most)
@@ -152,12 +141,7 @@ class RecordingDamageError(RecordingError):
 
 
 class UnknownSeries(RecordingError, KeyError):
-    """Error that a recording lacks a topic or field.
-
-    Args:
-        sentence: error message.
-        key: name of the topic or field.
-    """
+    """Error that a recording lacks a topic or field."""
 
     def __init__(self, sentence: str, key: str):
         super().__init__(sentence, key)

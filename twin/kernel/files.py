@@ -45,14 +45,9 @@ quotes end with the line or the text, so that each character is scanned once."""
 
 
 def read_bytes(path: Path, limit: int = MAX_TEXT_BYTES, kind: str = "file") -> bytes:
-    """Read the regular file at `path`.
+    """Read the regular file at `path`, at most `limit` bytes; messages call it `kind`: "experiment file".
 
-    Args:
-        limit: maximum size (bytes).
-        kind: expected kind of file, for error messages: "experiment file".
-
-    Raises:
-        InputRefused: no such file, a folder, a pipe or a device, too large, unreadable.
+    InputRefused: no such file, a folder, a pipe or a device, too large, unreadable.
     """
     with open_regular(path, limit, kind) as file, translate_disk_errors(path, "cannot be read", InputRefused):
         return file.read(limit)
@@ -81,10 +76,7 @@ def open_regular(path: Path, limit: int, kind: str = "file") -> BinaryIO:
 
 
 def suggestion(path: Path) -> str:
-    """Return a hint to a file with a similar name in the folder of a missing `path`, or "".
-
-    The hint is `; did you mean 'folder/file.toml'?`. Unreadable folders give "".
-    """
+    """Return a hint to the nearest name, `; did you mean 'folder/file.toml'?`; "" without a similar name."""
     try:
         beside = {there.stem: there for there in path.parent.iterdir() if there.suffix == path.suffix}
     except PATH_ERRORS:
@@ -98,11 +90,7 @@ def foreign_kind(content: bytes) -> str:
 
 
 def read_text(path: Path, limit: int = MAX_TEXT_BYTES, kind: str = "file") -> str:
-    """Read the UTF-8 text of the regular file at `path`; arguments as in `read_bytes`.
-
-    Raises:
-        InputRefused: see `read_bytes`; or not UTF-8, with the kind of file if known.
-    """
+    """Read the UTF-8 text of the regular file at `path`; arguments as in `read_bytes`."""
     content = read_bytes(path, limit, kind)
     if what := foreign_kind(content):
         raise InputRefused(f"{path}: {what}; expected text in UTF-8")
@@ -117,20 +105,11 @@ def read_text(path: Path, limit: int = MAX_TEXT_BYTES, kind: str = "file") -> st
 
 
 def read_toml(path: Path, kind: str = "file") -> dict[str, Any]:
-    """Read the tables of the TOML file at `path`; `kind` as in `read_bytes`.
-
-    Raises:
-        InputRefused: see `read_text`; or not TOML.
-    """
+    """Read the tables of the TOML file at `path`; `kind` as in `read_bytes`."""
     return parse_toml(read_text(path, MAX_TOML_BYTES, kind), str(path))
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
-    """Parse `text` as TOML.
-
-    Raises:
-        InputRefused: not TOML; the message begins with `where`.
-    """
     # the parser's time grows with the square of the number of a key's parts, which may be quoted and separated by
     # blanks
     bare = _TOML_TOKEN.sub(lambda token: "" if token[0].isspace() or token[0].startswith("#") else "_", text)
@@ -139,31 +118,16 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
     return _parse("TOML", tomllib.loads, text, where)
 
 
-def read_json(path: Path, limit: int = MAX_TEXT_BYTES) -> Any:
-    """Read the value in the JSON file at `path`.
-
-    Raises:
-        InputRefused: see `read_text`; or not JSON.
-    """
-    return parse_json(read_text(path, limit), str(path))
+def read_json(path: Path) -> Any:
+    return parse_json(read_text(path), str(path))
 
 
 def parse_json(text: str | bytes, where: str) -> Any:
-    """Parse `text` as JSON.
-
-    Raises:
-        InputRefused: not JSON; the message begins with `where`.
-    """
     return _parse("JSON", json.loads, text, where)
 
 
 def parse_xml(content: bytes, where: str) -> ET.Element:
-    """Parse `content` as XML and return its root element.
-
-    Raises:
-        InputRefused: not XML, deeper than `MAX_DEPTH`, or with a document type, which may define expanding entities or
-            name files; the message begins with `where`.
-    """
+    """Parse `content` as XML and return its root element."""
     parser = ET.XMLParser(target=_SafeTreeBuilder())
     try:
         parser.feed(content)
@@ -182,7 +146,6 @@ class _SafeTreeBuilder(ET.TreeBuilder):
     _depth = 0
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        """Refuse an XML document type before any of its entities is used."""
         raise ValueError("it has a document type (DOCTYPE); do not trust this file")
 
     def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:

@@ -47,11 +47,7 @@ class GatePolicy:
 
 
 def viewer_policy(origins: Sequence[str] = ()) -> GatePolicy:
-    """Return the access rules of the live server: viewers and pages of this machine watch; the token lets them tune.
-
-    Args:
-        origins: additional allowed origins, beyond `VIEWER_ORIGINS` and pages of this machine.
-    """
+    """Return the live server's rules: viewers (also `origins`) and own pages watch; the token lets them tune."""
     for origin in origins:
         if not re.fullmatch(r"[a-z][a-z0-9+.-]*://[^\s/?#@*]*", origin.lower()):
             raise InputRefused(f"origin {origin}: expected scheme://host or scheme://host:port, without a path")
@@ -84,21 +80,13 @@ def own_page_policy(port: int) -> GatePolicy:
 
 
 class Gate:
-    """Gatekeeper that checks the host, origin and token of every request to a server.
-
-    Args:
-        token: secret shown in the terminal, which a request must contain; None for a new one.
-    """
+    """Gatekeeper that checks host, origin and `token` (shown in the terminal; None for a new one) of every request."""
 
     def __init__(self, policy: GatePolicy, token: str | None = None):
         self.policy, self.token = policy, token or secrets.token_urlsafe(16)
 
     def refusal(self, headers: Headers, changes: bool = True) -> str:
-        """Return the reason why a request with these headers is refused; "" if it is admitted.
-
-        Args:
-            changes: whether it does more than read, like a WebSocket.
-        """
+        """Return why a request, which `changes` if it does more than read (a WebSocket), is refused; "" if admitted."""
         policy, hosts, origins = self.policy, headers.get_all("Host"), headers.get_all("Origin")
         if len(hosts) != 1 or not re.fullmatch(policy.hosts, hosts[0].lower()):
             return f"Host {', '.join(hosts)}: {policy.expected_host}"

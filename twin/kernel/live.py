@@ -108,8 +108,6 @@ def parse_message_data(frame: bytes) -> tuple[int, int, bytes] | None:
 
 
 class _Request(BaseModel):
-    """Base of a viewer's requests; unknown fields are ignored."""
-
     model_config = ConfigDict(strict=True, extra="ignore")
 
 

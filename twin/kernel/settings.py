@@ -97,11 +97,7 @@ class _SettingsMeta(ModelMetaclass):
 
 
 class Settings(BaseModel, metaclass=_SettingsMeta):
-    """A table of the experiment file, checked: unknown keys are refused, numbers finite, types not converted.
-
-    Attributes:
-        settings: settings of the class, by attribute.
-    """
+    """A table of the experiment file, checked: unknown keys are refused, numbers finite, types not converted."""
 
     settings: ClassVar[dict[str, Setting]]
 
@@ -137,12 +133,9 @@ def _is_finite(value: Any) -> bool:
 
 
 class FieldSource(NamedTuple):
-    """Source of a number in a compiled record: the setting of an experiment, and its conversion.
+    """Source of a number in a record: SI value of the setting `name` of `table` / `divisor` * `times`.
 
-    Attributes:
-        table, name: the setting.
-        times, divisor: number = SI value of the setting / divisor * times.
-        broken_by: kinds of faults that change it in this record.
+    `broken_by` are the kinds of faults that change it in this record.
     """
 
     table: type[Settings]
@@ -153,7 +146,6 @@ class FieldSource(NamedTuple):
 
     @property
     def setting(self) -> Setting:
-        """Declaration of the setting that the record's number comes from."""
         return self.table.settings[self.name]
 
     @property
@@ -206,12 +198,8 @@ def _is_number(table: type[Settings], name: str) -> bool:
 class Values(tuple[Any, ...]):
     """Base of records of numbers for compiled code, SI: a named tuple whose fields are declared by settings.
 
-    A subclass lists its `parts`; `twin.kernel.cosim.port.record_of` makes a record of it.
-
-    Attributes:
-        sources: source of each field that a setting decides.
-        forms: type of each field, `f8`, `3f8` or `i8`.
-        broken_by: kind of fault -> the field that it changes.
+    A subclass lists its `parts`; `twin.kernel.cosim.port.record_of` makes a record of it. `sources` has the setting
+    that decides a field, `forms` types `f8`, `3f8`, `i8`, `broken_by` the field that a kind of fault changes.
     """
 
     _fields: ClassVar[tuple[str, ...]]
@@ -221,11 +209,9 @@ class Values(tuple[Any, ...]):
     broken_by: ClassVar[dict[str, str]]
 
     def __init_subclass__(cls, parts: Iterable[Fields] = (), first: str = "") -> None:
-        """Declare the fields of the record that the subclass represents.
+        """Declare the fields of the record, the fields of all `parts` in order.
 
-        Args:
-            parts: field declarations, joined in order.
-            first: fields at the beginning of the memory, in this order; the others follow in the order of the parts.
+        Fields of `first` are at the beginning of the memory, in this order.
         """
         named = {name: field for part in parts for name, field in part.items()}
         fields = {name: named[name] for name in first.split()} | named

@@ -139,10 +139,6 @@ def known_unit(text: str) -> Unit | None:
 def weight_hint(got: Dimension, wanted: Dimension) -> str:
     """Return a hint if a mass unit was given where its weight is expected: `; grams are a mass: did you mean gf?`, or
     "".
-
-    Args:
-        got: dimension of the given unit.
-        wanted: expected dimension.
     """
     if got.kg == 0 or got == wanted:
         return ""

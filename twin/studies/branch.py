@@ -28,12 +28,7 @@ PAST_DURATION = 1.0
 
 @dataclass(frozen=True)
 class Branch:
-    """One continuation of a run from a moment on, with its changes.
-
-    Attributes:
-        name: description of the change.
-        settings, faults, body: see `twin.robot.run.branch.branched_experiment`.
-    """
+    """One continuation of a run, with its changes as in `twin.robot.run.branch.branched_experiment`."""
 
     name: str
     settings: Sequence[str] = ()
@@ -57,19 +52,10 @@ class BranchOutcome:
     F_z: "np.ndarray"
     departure: float | None
 
-    @property
-    def json_values(self) -> dict[str, Any]:
-        """Outcome of a continued run as a JSON-compatible dict in SI units."""
-        outcome = self.run.outcome
-        return {
-            "branch": self.branch.name,
-            "recording": str(self.run.recording),
-            "leaves_at": self.departure,
-            "peak": self.peak[0],
-            "peak_time": self.peak[1],
-            "end": outcome.end,
-            "trip": self.run.trip,
-        }
+    JSON_KEYS = (
+        "branch=branch.name recording=run.recording leaves_at=departure peak=peak.0 peak_time=peak.1 "
+        "end=run.outcome.end trip=run.trip"
+    )
 
     @property
     def peak(self) -> tuple[float, float]:
@@ -103,11 +89,6 @@ def branch(
     component failed.
 
     Example: twin branch results/fig4_force_position --at 6.2 --set plant.k_s_Nm_per_rad=0.8
-
-    Raises:
-        InputRefused: the run, the time or a change is invalid.
-        ComponentFailed: a component failed in a branch.
-        NotWritten: the disk refuses.
     """
     from twin.kernel.atomic_write import make_folder
     from twin.kernel.recording.folder import recording_in
@@ -155,7 +136,6 @@ def branch(
 
 
 def _outcome(one: Branch, run: "Run", other: BranchOutcome | None) -> BranchOutcome:
-    """Evaluate the run of a branch against the first branch."""
     import numpy as np
 
     from twin.kernel.recording.reader import read
@@ -170,6 +150,7 @@ def _result(
     name: str, run: Path, outcomes: Sequence[BranchOutcome], at: float, point: "BranchPoint", home: Path
 ) -> Result:
     from twin.kernel.recording.reader import read
+    from twin.kernel.serialise import to_dict
     from twin.robot.assembly.declared import DECLARED_TABLES
     from twin.robot.experiment.recorded import recorded_values
     from twin.studies.metrics.standing import compare_single_runs
@@ -214,7 +195,7 @@ def _result(
         )
         for number, one in enumerate(outcomes[1:], start=1)
     ]
-    facts = {"at": at, "verdict": compared, "state": point.how, "branches": [one.json_values for one in outcomes]}
+    facts = {"at": at, "verdict": compared, "state": point.how, "branches": to_dict(outcomes)}
     files = {"picture": _reported_path(home / PICTURE_FILE), "next": f"twin report {run} {folders}"}
     return Result(
         headline,

@@ -38,8 +38,6 @@ class Option:
     """An option of a study's command line, named `--like-this` after the function's argument.
 
     Attributes:
-        help: help text, one sentence.
-        metavar: placeholder of the value in the help.
         flags: additional names: "--overshoot-percent", "-j --processes", "--try/--no-try".
         least, most: bounds of a number.
         complete: source of shell completions: "experiment", "experiment name", "drive", "body", "setting" or "role".
@@ -74,7 +72,6 @@ class Study:
         isolated: whether the study steps FMUs and so runs in a separate process unless `--isolate none` is given; or
             the name of the flag that makes it step FMUs.
         limited: whether `--limit-step` and `--limit-wall` of the process are added.
-        json: whether `--json` is added.
         reported: whether `--report` writes a page of the recording named in the answer's fact `recording`.
         before: validators called with the arguments before the worker process starts, to refuse invalid input at once.
             A mapping returned by a validator is added to the answer's facts.
@@ -153,7 +150,6 @@ Isolation = Literal["run", "drive", "none"]
 
 
 PictureFormat = Literal["svg", "pdf"]
-"""File formats of pictures for a paper."""
 
 Isolate = Annotated[
     JobIsolation,
@@ -262,7 +258,6 @@ def answer_recording(reporter: "Reporter", name: str, asked: ArgumentValues) -> 
 
 
 def confirm(question: str) -> bool:
-    """Ask a question on the terminal and return whether the user answers yes."""
     import click
 
     return click.confirm(question, err=True)

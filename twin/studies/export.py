@@ -53,9 +53,6 @@ def export(
     its time, without interpolation. Exit code: 0 done, 2 input refused.
 
     Example: twin export results/fig4_force_position --csv --rate 100
-
-    Raises:
-        InputRefused, NotWritten: see `export_recording`.
     """
     from twin.kernel.recording.export.export import export_recording
 

@@ -34,10 +34,7 @@ PAPER_BLUE, PAPER_YELLOW, PAPER_ORANGE = "#2f6db5", "#eab308", "#e2661a"
 """Colours named in the caption of Fig. 4; their lightness also distinguishes them in print."""
 JOINT_COLORS = (PAPER_BLUE, "#8e44ad", "#2e7d32")
 LESS_IS_BETTER = "cividis_r"
-"""Colour map for quantities that should be small.
-
-In every map light is good, so that all maps read alike, also in print; suitable for colour-blind readers.
-"""
+"""Colour map for small quantities: light is good in every map, also in print and for colour-blind readers."""
 LIGHT_IS_GOOD = "(light is better)"
 INK, GREY, RED = "#1c1c1c", "#8c8c8c", "#c62828"
 Look = Mapping[Any, bool | float]
@@ -51,20 +48,13 @@ PICTURE_STYLE: Look = {
 }
 BARE_STYLE: Look = {"axes.grid": False}
 MAP_STYLE: Look = {"axes.grid": False, "axes.spines.top": True, "axes.spines.right": True}
-"""Style of a filled panel."""
 OF_PROCESS = ("backend", "interactive", "toolbar", "timezone", "date.epoch")
 """Settings of matplotlib that belong to the process and do not affect a picture in a file."""
 
 
 @dataclass
 class Paper:
-    """Request to save copies of all pictures for a paper, in addition to those for the screen.
-
-    Attributes:
-        formats: "svg", "pdf".
-        columns: 1 or 2.
-        written: files written so far.
-    """
+    """Request to save all pictures for a paper, too: formats ("svg", "pdf"), columns (1 or 2), files written so far."""
 
     formats: Sequence[str]
     columns: int
@@ -86,11 +76,7 @@ def for_paper(formats: Sequence[str], columns: int = 2) -> Iterator[Paper]:
 
 
 def write_for_paper(figure: "Figure", path: Path) -> None:
-    """Save a figure for a paper next to `path`, if requested; this resizes the figure.
-
-    Raises:
-        NotWritten: the disk refuses.
-    """
+    """Save a figure for a paper next to `path`, if requested; this resizes the figure."""
     paper = _paper.get()
     if paper is None or not paper.formats:
         return
@@ -108,7 +94,6 @@ def write_for_paper(figure: "Figure", path: Path) -> None:
 
 
 def _resize_for_paper(figure: "Figure", columns: int) -> None:
-    """Resize a screen figure to the width, font size and line weights of a paper."""
     from matplotlib.lines import Line2D
     from matplotlib.text import Text
 
@@ -134,10 +119,7 @@ def _resize_for_paper(figure: "Figure", columns: int) -> None:
 
 
 def _stack(figure: "Figure") -> int:
-    """Move a figure's side-by-side panels below each other, for narrow paper columns.
-
-    Returned is their number, or 0 if the layout does not allow it.
-    """
+    """Stack a figure's side-by-side panels for a narrow column; return their number, 0 if the layout forbids it."""
     panels = [axes for axes in figure.axes if axes.get_visible() and axes.get_subplotspec()]
     places = [axes.get_subplotspec() for axes in panels]
     whole = {place.get_gridspec() for place in places if place}
@@ -161,12 +143,7 @@ def picture(
 
     Args:
         width, height: in inches.
-        title: above all panels.
-        by_hand: whether the drawing code places the panels.
         look: changes to `PICTURE_STYLE`: `BARE_STYLE` or `MAP_STYLE`.
-
-    Raises:
-        NotWritten: the folder or the disk refuses.
     """
     from matplotlib import rc_context, rcParamsDefault
     from matplotlib.figure import Figure

@@ -26,11 +26,7 @@ def text_of(values: Curve) -> str:
 
 
 def values_of(text: str) -> Curve:
-    """Decode the numbers (n,) in a compact text that `text_of` made.
-
-    Raises:
-        ValueError: the text was not made by `text_of`.
-    """
+    """Decode the numbers (n,) in a compact text; raise ValueError if `text_of` did not make the text."""
     try:
         content = zlib.decompressobj().decompress(base64.b64decode(text), MAX_BYTES)
     except zlib.error as problem:

@@ -21,7 +21,6 @@ class PanelCurve(NamedTuple):
 
     Attributes:
         role: meaning of the curve; decides colour and line style.
-        read: reader of its samples.
         member: index of the joint or axis, 0..2, which decides the colour if the panel shows several; -1 otherwise.
         shown: whether the page shows it at first.
         level: whether it is a constant, drawn across the whole picture.
@@ -44,12 +43,7 @@ class Panel(NamedTuple):
 
 
 def draw_panel(axes: "Axes", panel: Panel, run: Any, looks: Mapping[str, Mapping[str, Any]]) -> None:
-    """Draw the curves of one plot for a run with matplotlib; curves without a style or data are left out.
-
-    Args:
-        run: argument of the panel's readers.
-        looks: keywords of matplotlib's plot, by the label or the role of a curve, in drawing order.
-    """
+    """Draw a plot's curves for a run; `looks`: style by label or role in drawing order, curves without are left out."""
     for name, look in looks.items():
         for curve in panel.quantities:
             if name in (curve.label, curve.role):

@@ -16,11 +16,7 @@ from twin.studies.command import ArgumentValues
 
 
 def load_experiments(asked: ArgumentValues) -> None:
-    """Check that each experiment on the command line loads with each drive, the settings and the body.
-
-    Raises:
-        InputRefused: an experiment cannot be loaded.
-    """
+    """Check that each experiment on the command line loads with each drive, the settings and the body."""
     from twin.robot.assembly.load import load_experiment
 
     for experiment in _argument_values(asked, "experiment"):
@@ -30,11 +26,7 @@ def load_experiments(asked: ArgumentValues) -> None:
 
 
 def find_experiments(asked: ArgumentValues) -> None:
-    """Check that the experiment files on the command line, and the files they extend, exist and are TOML.
-
-    Raises:
-        InputRefused: a file is missing or not TOML.
-    """
+    """Check that the experiment files on the command line, and the files they extend, exist and are TOML."""
     from twin.robot.experiment.experiment_files import experiment_file
     from twin.robot.experiment.source import read_source
 
@@ -43,11 +35,7 @@ def find_experiments(asked: ArgumentValues) -> None:
 
 
 def find_logs(asked: ArgumentValues) -> None:
-    """Check that each log on the command line exists: recordings, bags, third-party files.
-
-    Raises:
-        InputRefused: a path is missing.
-    """
+    """Check that each log on the command line exists: recordings, bags, third-party files."""
     from twin.kernel.files import open_regular
     from twin.kernel.recording.folder import recording_in
 

@@ -50,7 +50,6 @@ def labelled_lines(label: str, text: str, whole: bool = False) -> list[str]:
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Format column titles and rows as a Markdown table."""
     lines = [f"| {' | '.join(cells)} |" for cells in (head, *rows)]
     return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])
 
@@ -66,7 +65,6 @@ def join_names(names: Sequence[str], most: int) -> str:
 
 
 def count_text(count: int, noun: str) -> str:
-    """Format a count with its noun: `1 run`, `2 runs`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
@@ -79,7 +77,6 @@ class Column:
     """A column of a result's table: title, width, number format.
 
     Attributes:
-        name: title.
         width: minimum width; a wider cell shifts the rest of its row. 0 for the width of the widest cell.
         form: format of numbers, such as ".3f" (zero is shown without a minus sign), or of texts, such as ".14s".
         unit: unit, shown below the title.
@@ -97,7 +94,6 @@ class Column:
     folds: bool = False
 
     def text(self, value: Cell) -> str:
-        """Format a cell of the table column."""
         if value is None or isinstance(value, str):
             return format(value or "", self.form if self.form.endswith("s") else "")
         if isnan(value):
@@ -111,7 +107,6 @@ class Note:
     """A sentence of a report that is wrapped into lines.
 
     Attributes:
-        text: a single line; a no-break space is shown as a space.
         head: beginning of the first line.
         later: indent of later lines (columns); None to align with the text of the first line.
         whole: whether names of files, signals and options stay whole.
@@ -132,8 +127,6 @@ class Table:
     """A table of a report, for text, JSON and HTML.
 
     Attributes:
-        columns: columns from left to right.
-        rows: rows from top to bottom.
         indent: spaces before the first column.
         left_out: place where the columns beyond the width of the text can be found; "" to show all columns.
         title: title in JSON and HTML, where the surrounding text is missing.
@@ -169,7 +162,6 @@ class Result:
     """The result of a study: headline, tables, notes, data for programs, files.
 
     Attributes:
-        headline: main answer.
         body: remaining parts of the text, in order.
         facts: values for programs, in SI units; None to derive JSON from headline, tables and notes, see `to_json`.
         files: kind -> file written.
@@ -186,7 +178,6 @@ class Result:
 
     @property
     def text(self) -> str:
-        """Result of the study as text."""
         return render_text(self)
 
 
@@ -197,7 +188,6 @@ def render_text(result: Result) -> str:
 
 
 def lay_out(blocks: Sequence[Block]) -> str:
-    """Render tables and notes as text, one below the other."""
     return "\n".join(line.rstrip() for block in blocks for line in _lines(block))
 
 

@@ -13,7 +13,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 FOLDER_PREFIX = "twin_scratch_"
-"""Prefix of the folder names."""
 MIN_AGE = 60.0
 """Minimum age (s) of a folder that is removed: a younger one may not have its pipe yet."""
 
@@ -41,10 +40,7 @@ def _is_held(folder: Path) -> bool:
 
 @contextmanager
 def held_folder() -> Iterator[Path]:
-    """Yield a temporary folder for a study, which is removed at the end of the block.
-
-    While it is used, other studies recognise it as such.
-    """
+    """Yield a temporary folder that other studies recognise as used; it is removed at the end of the block."""
     with tempfile.TemporaryDirectory(prefix=FOLDER_PREFIX, ignore_cleanup_errors=True) as folder:
         pipe = Path(folder) / "held"
         os.mkfifo(pipe)

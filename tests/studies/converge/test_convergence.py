@@ -16,13 +16,17 @@ from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment, shorten, with_exact_encoders
 from twin.robot.run.trace import run_in_memory
-from twin.studies.converge.coupling import FINEST_COUPLING, Coupling
+from twin.studies.converge.convergence import (
+    OrderFinding,
+    SmoothExperiment,
+    comparable_experiment,
+    observed_order,
+    without_friction,
+)
 from twin.studies.converge.monolith import has_monolithic_form, monolithic_rows, servos, within_limits
-from twin.studies.converge.order import OrderFinding, observed_order
 from twin.studies.converge.power import power_residuals
-from twin.studies.converge.reference import reference_of
+from twin.studies.converge.reference import FINEST_COUPLING, Coupling, reference_of
 from twin.studies.converge.signals import largest_errors, sampled_run, signal_samples
-from twin.studies.converge.smooth import SmoothExperiment, comparable_experiment, without_friction
 
 DURATION = 2.0
 

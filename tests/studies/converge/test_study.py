@@ -10,8 +10,8 @@ from tests.laws.runs import FORCE, shipped
 from twin.kernel.serialise import to_dict
 from twin.robot.assembly.load import load_experiment
 from twin.studies.converge.convergence import CouplingSeries, CouplingStudy, TickPoint, convergence, recommend_coupling
-from twin.studies.converge.coupling import COUPLINGS
 from twin.studies.converge.picture import draw_convergence
+from twin.studies.converge.reference import COUPLINGS
 from twin.studies.converge.text import convergence_result
 
 

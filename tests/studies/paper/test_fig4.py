@@ -14,6 +14,7 @@ from tests.studies.paper.test_fig4_claims import WHILE_SWEEPING
 from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import Recording, read
+from twin.kernel.serialise import to_dict
 from twin.robot.assembly.build import belief
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
@@ -231,7 +232,7 @@ def test_text_and_facts_of_the_scorecard_show_the_third_verdict_in_80_columns(ru
     assert max(map(len, lines)) <= 80
     assert sum(line.startswith("  miss ") for line in lines) == len(score.not_reproduced_keys)
     assert "'ok !'" not in fig4_result(score).text
-    facts = score.to_dict()
+    facts = to_dict(score)
     assert (facts["claims_held"], facts["claims_judged"]) == (25, 31)
     assert facts["not_reproduced"] == NOT_REPRODUCED and facts["failed"] == facts["reproduced_after_all"] == []
 

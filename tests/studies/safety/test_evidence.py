@@ -10,6 +10,7 @@ import pytest
 
 from tests.studies.safety import by_hand
 from tests.studies.safety.by_hand import LOST_THEN_RUNAWAY, RUNAWAY, FakeStage, felt, hazard, line, run, unseen
+from twin.kernel.serialise import to_dict
 from twin.studies.safety import evidence
 from twin.studies.safety.evidence import add_reference_runs, run_of, tables_of, variant_peaks
 from twin.studies.safety.hazards import Cause, Variant
@@ -35,11 +36,11 @@ def test_the_command_repeats_faults_settings_and_body():
 
 
 def test_the_facts_of_a_run_have_its_origin_and_all_reactions():
-    facts = run(felt(10.0), unwatched=unseen(30.0), ideal=felt(9.0), found="draw").to_dict()
+    facts = to_dict(run(felt(10.0), unwatched=unseen(30.0), ideal=felt(9.0), found="draw"))
     assert (facts["found"], facts["seed"], facts["fault"][0]["kind"]) == ("draw", 0, "drive_runaway")
     peaks = [facts[key]["peak_N"] for key in ("with_monitor", "without_monitor", "with_ideal_monitor")]
     assert peaks == [10.0, 30.0, 9.0]
-    failed = run(None, failure="crashed").to_dict()
+    failed = to_dict(run(None, failure="crashed"))
     assert (failed["failure"], failed["with_monitor"]) == ("crashed", None)
     assert json.loads(json.dumps(facts)) == facts
 

@@ -21,12 +21,11 @@ from twin.robot.run.trace import Trace
 from twin.studies.command import ignore_progress
 from twin.studies.faults.stage import Stage, load_stage
 from twin.studies.faults.together import SECOND_DELAYS
-from twin.studies.safety.changes import old_lines, regressions
 from twin.studies.safety.evidence import CONFIDENCE_LEVEL, EvidenceRun, HazardLine, interval
 from twin.studies.safety.hazards import read_hazards
 from twin.studies.safety.lines import draw_runs
 from twin.studies.safety.study import safety, write_page
-from twin.studies.safety.text import failures, lines_table
+from twin.studies.safety.text import failures, lines_table, old_lines, regressions
 
 EXPERIMENT = "experiments/pressing.toml"
 MORE = """

@@ -14,17 +14,30 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import chi2
 
 from twin.robot.paths import PROJECT_FOLDER
 from twin.studies.replay.samples import RobotSamples
 from twin.studies.shadow.alarm import FIRST_BLOCKS, RateTolerances, ShadowWatch, tolerances_at
-from twin.studies.shadow.fleet import FalseAlarmRate, Fleet, block_means, read_fleet, transmit_samples, watch_blocks
+from twin.studies.shadow.fleet import Fleet, block_means, read_fleet, transmit_samples, watch_blocks
 from twin.studies.shadow.tolerances import FLEET_FILE, PERIOD_FACTORS, shipped_fleet, tolerances_of
 
 FIRST_SEED, BATCH = 1000, 500
 """Seed of the first robots, and number of robots per seed."""
 PER_HOUR = (1.0, 0.01)
 """False alarms per hour that are asked for."""
+
+
+class FalseAlarmRate(NamedTuple):
+    """Rate of false alarms on healthy robots, over the watched time without reference blocks (h)."""
+
+    alarms: int
+    hours: float
+
+    @property
+    def upper(self) -> float:
+        """Upper 95 % bound of the false alarm rate (1/h), exact for Poisson (F. Garwood, Biometrika 28 (1936))."""
+        return float(chi2.ppf(0.95, 2 * self.alarms + 2)) / (2.0 * self.hours)
 
 
 class Count(NamedTuple):

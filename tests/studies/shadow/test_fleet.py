@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import poisson
 
 from tests.studies.replay.logs import drifting, softened
-from tests.studies.shadow.false_alarms import Count, counts, rates
+from tests.studies.shadow.false_alarms import Count, FalseAlarmRate, counts, rates
 from tests.studies.shadow.robots import EXPERIMENTS, FIG4, FLEET, identified_fleet
 from twin.kernel.errors import InputRefused, TwinError
 from twin.robot.assembly.load import load_experiment
@@ -29,7 +29,6 @@ from twin.studies.shadow.fleet import (
     MAX_STAMP_ERROR,
     SCALE_SETTINGS,
     TOLERANCE_MARGIN,
-    FalseAlarmRate,
     block_means,
     fleet_limits,
     limits_of,

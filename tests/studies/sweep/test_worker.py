@@ -13,10 +13,10 @@ import pytest
 from tests.studies.sweep.definitions import STIFFNESS, written
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import Recording, read
+from twin.kernel.serialise import to_dict
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
 from twin.studies.check.measurement import measure_signals, run_for_measures
-from twin.studies.paper.claim import finding_to_dict
 from twin.studies.paper.fig4 import fig4_score
 from twin.studies.paper.fig4_measures import fig4_runs
 from twin.studies.sweep.claims import CURVE_PERIOD, pack_curves, unpack_curves
@@ -135,7 +135,7 @@ def facts(root: Path) -> dict:
 def test_claims_measure_and_judge_as_on_recordings(facts: dict, force_position: Recording, position: Recording):
     pair = fig4_runs(force_position, position)
     score = fig4_score(replace(pair, imperfect=(pair.force_position, pair.position)))
-    expected = [finding_to_dict(finding) for finding in (*score.claims, *score.quality)]
+    expected = to_dict((*score.claims, *score.quality))
     judged = {one["claim"]: one for one in expected if one["claim"] != "backlash_offset"}
     assert list(facts["claims"]) == list(judged)
     for key, found in facts["claims"].items():

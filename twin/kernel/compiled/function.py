@@ -48,18 +48,13 @@ class CompiledOnlyError(TypeError):
 
 
 class LazyObject(NumbaObject):
-    """Placeholder for a numba object, created when numba first compiles code that uses it.
-
-    Args:
-        make: creates the numba object.
-    """
+    """Placeholder for a numba object, created when numba first compiles code that uses it."""
 
     def __init__(self, make: Callable[[], Any]):
         self._make = make
 
     @cached_property
     def numba_object(self) -> Any:  # type: ignore[override]
-        """The numba object behind the placeholder, created on first access."""
         made = self._make()
         # the access may happen while numba compiles a calling function
         refresh()
@@ -74,10 +69,6 @@ class Function(LazyObject):
 
     No command has to wait for numba to compute one number. Functions that must be fast in Python, or take records, are
     a `native.Entry`. If the source cannot be run by Python, the machine code is called.
-
-    Args:
-        function: its source.
-        options: options of numba's `njit`.
     """
 
     def __init__(self, function: Callable, **options: Any):

@@ -29,19 +29,12 @@ EXCEPTION_STATUS = -1
 PROCESSOR_VARIABLE = "TWIN_PROCESSOR"
 """Environment variable that selects a form of X86_64 instead of the most capable one that this processor can run."""
 BASELINE_CPU = "x86-64"
-"""Baseline processor of the x86-64 architecture for LLVM."""
 _loaded: set[str] = set()
 """Names of the functions whose object files are loaded in this process."""
 
 
 class Module(NamedTuple):
-    """LLVM module of a compiled function, as text, with the names of its functions.
-
-    Attributes:
-        symbol: name of the C entry point to add.
-        inner: numba's name of the inner function.
-        text: LLVM assembly.
-    """
+    """LLVM module of a compiled function: C entry point `symbol` to add, numba's name of the `inner` one, and text."""
 
     symbol: str
     inner: str
@@ -54,11 +47,7 @@ def module_of(signature: Any, function: Callable, symbol: str) -> Module:
 
 
 def strip_module(module: Module, machine: Any) -> Any:
-    """Compile `module` for a target machine with only its inner function exported.
-
-    Returns:
-        (LLVM module, imported symbols that are not mathematics).
-    """
+    """Compile `module` with only its inner function exported; return it and imported symbols beyond mathematics."""
     made = llvm.parse_assembly(module.text)
     made.triple, made.data_layout = machine.triple, str(machine.target_data)
     for item in (*made.functions, *made.global_variables):
@@ -76,10 +65,9 @@ def _is_mathematics(name: str) -> bool:
 
 
 def with_c_entry(module: Module, returned: str) -> Module:
-    """Add to an LLVM module a C entry point that calls the inner function with its arguments and returns the result.
+    """Add a C entry point that calls the inner function and returns its result, of the LLVM type `returned`.
 
-    Args:
-        returned: LLVM type of the result. The entry point returns EXCEPTION_STATUS in place of an exception.
+    It returns EXCEPTION_STATUS in place of an exception.
     """
     inner = llvm.parse_assembly(module.text).get_function(module.inner)
     kinds = [str(argument.type) for argument in inner.arguments][2:]
@@ -106,12 +94,7 @@ define {returned} @"{module.symbol}"({taken}) {{
 
 
 class ProcessorForm(NamedTuple):
-    """A target of compilation: the processor instruction sets that a variant of the machine code may use.
-
-    Attributes:
-        suffix: suffix of function names and object files.
-        features: processor features that LLVM may use.
-    """
+    """A variant of machine code: the instruction sets it may use, and the suffix of its functions and object files."""
 
     suffix: str
     features: str
@@ -135,11 +118,7 @@ def compiler_versions() -> tuple[str, ...]:
 
 @cache
 def chosen_form() -> ProcessorForm:
-    """Return the processor form (set of allowed instructions) that this process compiles for and loads.
-
-    Raises:
-        InputRefused: TWIN_PROCESSOR names a form that this processor cannot run.
-    """
+    """Return the processor form (set of allowed instructions) that this process compiles for and loads."""
     able = llvm.get_host_cpu_features()
     if llvm.get_process_triple().startswith("x86_64"):
         forms = [form for form in X86_64 if all(able.get(word[1:]) for word in form.features.split(",") if word)]
@@ -172,7 +151,6 @@ def target_machine(form: ProcessorForm) -> Any:
 
 
 def object_name(name: str, form: ProcessorForm) -> str:
-    """Return the file name of the object file of a compiled function for a processor form."""
     return f"{name}{form.suffix}{store.OBJECT_SUFFIX}"
 
 

@@ -55,11 +55,8 @@ def compiling() -> Iterator[None]:
 class Native:
     """Function with a C address, loaded from the store of compiled code or compiled when the address is first used.
 
-    Most runs need few of the functions, and compiling takes seconds.
-
-    Args:
-        returns, takes: types of result and arguments; a record cannot be returned.
-        function: its source. In compiled code, division by zero gives NaN or infinity, and exceptions are lost.
+    Most runs need few of the functions, and compiling takes seconds. A record cannot be returned. In compiled code,
+    division by zero gives NaN or infinity, and exceptions are lost.
     """
 
     def __init__(self, returns: str, takes: Sequence[Kind], function: Callable):
@@ -86,7 +83,6 @@ class Native:
 
     @property
     def signature(self) -> Any:
-        """Numba signature of the function: types of its result and arguments."""
         return _numba_type(self.returns)(*map(_numba_type, self.takes))
 
     @cached_property
@@ -162,12 +158,7 @@ def address_of(array: np.ndarray) -> int:
 
 
 class Entry(Function):
-    """A compiled function that Python calls without numba, and that compiled functions call like any other.
-
-    Args:
-        returns, takes, function: see `Native`.
-        at_once: whether Python calls it with the GIL held.
-    """
+    """A compiled function that Python calls without numba (see `entry`), and compiled functions like any other."""
 
     def __init__(self, returns: str, takes: Sequence[Kind], function: Callable, at_once: bool = False):
         super().__init__(function, cache=True, error_model="numpy")

@@ -54,11 +54,7 @@ def declare_function(module: Any, kind: Any, name: str) -> Any:
 
 
 def infer(function: Any, *signatures: tuple[Any, ...]) -> None:
-    """Register the result types of `function` with numba's type inference.
-
-    Args:
-        signatures: (result type, argument types ...) of each supported call.
-    """
+    """Register the `signatures` of `function`, (result type, argument types ...), with numba's type inference."""
     from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 
     cases = [signature(*types) for types in signatures]

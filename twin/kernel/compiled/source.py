@@ -27,12 +27,9 @@ package."""
 
 
 class SourceFile(NamedTuple):
-    """Digest, imports and function positions of a Python file.
+    """Digest of a Python file without comments and docstrings, imports (module, names), first lines of functions.
 
-    Attributes:
-        digest: digest of the code without comments and docstrings.
-        imports: (module as written, imported names) of each import, also inside functions.
-        functions: first lines of all functions, ascending.
+    Imports inside functions are included, and modules are as written; lines ascend.
     """
 
     digest: str
@@ -97,12 +94,7 @@ def _first_lines(nodes: Sequence[ast.AST]) -> Iterator[int]:
 class Sources:
     """Parser and cache of the source files of modules that are not installed packages.
 
-    Args:
-        known: files parsed by earlier processes, by the digest of their whole content.
-
-    Attributes:
-        known: the argument, extended by the files that this process parsed.
-        parsed: number of files parsed by this process.
+    `known` are the files parsed by earlier processes and this one, by the digest of their whole content.
     """
 
     def __init__(self, known: dict[str, SourceFile]):

@@ -51,14 +51,9 @@ class UnnamedFunction(Exception):
 
 
 def name_of(function: Any, made_for: str) -> str:
-    """Derive the name of a function's object file from its code, types and compiler.
+    """Derive the name of a function's object file from its code and `made_for`: types, compiler, processor.
 
-    Args:
-        function: its source.
-        made_for: text that identifies its types, the compiler and the processor.
-
-    Raises:
-        UnnamedFunction: its source is in no file, or its closure contains an object without a known value.
+    UnnamedFunction: its source is in no file, or its closure contains an object without a known value.
     """
     modules: set[str] = set()
     variant = digest_of(f"{_identity(function, modules)}\0{made_for}".encode())
@@ -83,10 +78,7 @@ def seal(file: str, content: bytes) -> bytes:
 
 
 def stored_code(file: str) -> bytes:
-    """Read a compiled function's file from the package or the store; empty if missing or damaged.
-
-    Damaged files are deleted.
-    """
+    """Read a compiled function's file from the package or the store; empty if missing or damaged, and then deleted."""
     with contextlib.suppress(OSError):
         if content := _unseal(PACKAGED_OBJECTS / file):
             return content
@@ -189,7 +181,6 @@ def _sources() -> Sources:
 
 
 def _read_digests() -> dict[str, SourceFile]:
-    """Read the cache of source-file digests that earlier processes stored; empty if missing or damaged."""
     with contextlib.suppress(OSError, ValueError, TypeError, AttributeError):
         path = object_folder() / DIGESTS_FILE
         discard_foreign(path)
@@ -207,15 +198,7 @@ def _store_digests(sources: Sources) -> None:
 
 
 def _identity(value: Any, modules: set[str]) -> str:
-    """Return a text that identifies a function or a value in its closure, to name the compiled code.
-
-    Args:
-        value: function, or value of a closure.
-        modules: modules of all functions in `value` are added to it.
-
-    Raises:
-        UnnamedFunction: `value` has no unique text.
-    """
+    """Return a text that identifies a function or a value in its closure; add all functions' modules to `modules`."""
     import numpy as np
 
     # unwrap a `Function` of this package or a numba dispatcher
@@ -240,7 +223,6 @@ def _unseal(path: Path) -> bytes:
 
 
 def _temporary_folder() -> str:
-    """Create a temporary folder that is deleted when this process exits."""
     import atexit
     import shutil
     import tempfile

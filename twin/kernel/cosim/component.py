@@ -1,6 +1,6 @@
 """Components of the master: interface, compiled steps, and saving of their memory."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -29,13 +29,10 @@ def step_function(
     """Decorate a function `f(m, t, h, u, y) -> int32` to be compiled as the step of a component.
 
     `m` is the component's memory, a record of dtype `memory`. `u` and `y` are records with a field for each port: a
-    step reads `u.force[2]` and writes `y.speed`, and a wrong name does not compile. The machine code is stored on disk.
-    Division by zero gives NaN or infinity; functions that `f` calls need `error_model="numpy"` for that.
-
-    Args:
-        memory: record dtype of the component's memory.
-        inputs, outputs: its ports. If empty, because the component has no ports or they are known only at its
-            creation, `u` or `y` is a pointer to doubles, which `carray` converts to an array.
+    step reads `u.force[2]` and writes `y.speed`, and a wrong name does not compile. Without ports, or if they are known
+    only at its creation, `u` or `y` is a pointer to doubles, which `carray` converts to an array. The machine code is
+    stored on disk. Division by zero gives NaN or infinity; functions that `f` calls need `error_model="numpy"` for
+    that.
     """
     u, y = (port_record(ports) if ports else "doubles" for ports in (inputs, outputs))
     takes: tuple[Kind, ...] = (memory, "double", "double", u, y)
@@ -80,12 +77,9 @@ def clock_cycles(typingctx):
 
 @dataclass(frozen=True)
 class Rewind:
-    """Functions that save and restore a component's state before a step is repeated, with the signature of a step.
+    """Functions, with the signature of a step, that save and restore a component's state before a step is repeated.
 
-    Attributes:
-        save_address, restore_address: `restore` restores the last saved state, any number of times.
-        self_address: memory argument of both functions.
-        keep: owner of the memory behind the addresses.
+    `self_address` is the memory of both; the last saved state can be restored any number of times.
     """
 
     save_address: int
@@ -94,25 +88,12 @@ class Rewind:
     keep: Any = field(default=None, repr=False)
 
 
-@njit(cache=True)
-def save_pieces(table, count):
-    """Copy `count` pieces of a component's memory to their saved copies; both are listed in a `PIECE_RECORD` table."""
-    pieces = carray(pieces_at(table), count)
-    for i in range(count):
-        copy(pieces[i].copy, pieces[i].array, pieces[i].size)
-
-
-@njit(cache=True)
-def restore_pieces(table, count):
-    """Copy `count` pieces of a component's memory back from saved copies; both are listed in a `PIECE_RECORD` table."""
-    pieces = carray(pieces_at(table), count)
-    for i in range(count):
-        copy(pieces[i].array, pieces[i].copy, pieces[i].size)
-
-
 @entry("nothing", "int", "int", "int", "int", at_once=True)
 def copy_pieces(table, count, buffer, back):
-    """Copy pieces of memory, listed in a `PIECE_RECORD` table, to `buffer`, or from it if `back` is set."""
+    """Copy pieces of memory in a `PIECE_RECORD` table to their copies, or, if `back` is set, from them.
+
+    Addresses of copies are counted from `buffer`; 0 if they are addresses of memory.
+    """
     pieces = carray(pieces_at(table), count)
     for i in range(count):
         if back:
@@ -123,13 +104,13 @@ def copy_pieces(table, count, buffer, back):
 
 @step_function(_PIECES_RECORD)
 def _save(m, t, h, u, y):
-    save_pieces(m.table, m.count)
+    copy_pieces(m.table, m.count, 0, 0)
     return 0
 
 
 @step_function(_PIECES_RECORD)
 def _restore(m, t, h, u, y):
-    restore_pieces(m.table, m.count)
+    copy_pieces(m.table, m.count, 0, 1)
     return 0
 
 
@@ -155,14 +136,9 @@ def piece_table(arrays: Iterable[np.ndarray], copy_address: int) -> np.ndarray:
 
 
 class Pieces:
-    """Pieces of component memory that are copied together to and from a row of bytes, to save and restore state.
+    """Pieces of component memory copied together to and from a row of `size` bytes, to save and restore state.
 
-    Args:
-        arrays: arrays that contain the pieces.
-
-    Attributes:
-        at: (address of a `PIECE_RECORD` table with offsets in the row, number of records).
-        size: size of the row (bytes).
+    `at`: address of a `PIECE_RECORD` table with offsets in the row, and number of records.
     """
 
     def __init__(self, arrays: Iterable[np.ndarray]):
@@ -209,21 +185,14 @@ class Holder(Protocol):
         """Serialise the component state saved as `token`, for another process."""
 
     def unpack(self, content: bytes) -> Any:
-        """Create a token from a serialised component state, possibly of another process.
-
-        Raises:
-            InputRefused: invalid content.
-        """
+        """Create a token from a serialised component state, possibly of another process."""
 
 
 @njit(cache=True)
 def step_status(status, outputs, part):
-    """Return the status of a step including the check of its outputs: 0 for success, else its status or `NOT_FINITE`.
+    """Return 0 for a successful step, else its status, or `NOT_FINITE` if an output is not `finite` and has to be.
 
-    Args:
-        status: status that the step returned.
-        outputs: address of the outputs.
-        part: record with `y_size` and `finite`, whether outputs have to be finite.
+    `outputs` is their address, `part` a record with `y_size` and `finite`.
     """
     if status != 0 and status != 1:
         return status
@@ -245,7 +214,6 @@ class Component:
         name: unique in the system.
         inputs, outputs: ports, in the order of `u` and `y`.
         sampled: True if it is evaluated at t_k, without advancing time; False if it steps from t_k to t_k + h.
-        step_address, self_address: addresses of the step function and its memory.
         initial_outputs: outputs valid before tick 0.
         period: step of the component (ticks).
         label: name in error messages, e.g. the file name of an FMU.
@@ -295,11 +263,7 @@ class Component:
         """Refuse a restored state with an index beyond its array, which a step would dereference."""
 
     def lacks_state(self, portable: bool = True) -> str:
-        """Return the reason why the component's state cannot be saved, as a verb phrase; "" if it can.
-
-        Args:
-            portable: whether the state is for another process, rather than for this one.
-        """
+        """Return why the state cannot be saved (for another process if `portable`), as a verb phrase; "" if it can."""
         return "does not say what its steps change"
 
     def rewind(self) -> Rewind | None:
@@ -329,18 +293,10 @@ class Component:
 class NativeComponent(Component):
     """A component with a compiled step over a record; the fields declared as `state` are its state.
 
-    Args:
-        name, inputs, outputs, sampled, period: see `Component`.
-        step: function decorated by `step_function`.
-        memory: (1,) record of the step.
-        initial_outputs: None for zeros; a sampled component overwrites them at tick 0.
-        keep: owners of the memory that `memory` points to, if not in `pointers`.
-        pointers: field of `memory` -> array whose address it gets. If it covers all pointers, the component is
-            portable.
-
-    Attributes:
-        step, memory, pointers: the arguments.
-        portable: whether `memory` and `pointers` are all data of the step, so that it can run in another place.
+    `step` is decorated by `step_function`, `memory` its record, (1,). `pointers`: field of `memory` -> array whose
+    address it gets; `keep` owns memory behind other addresses. Without `keep`, `memory` and `pointers` are all data of
+    the step, which can then run in another place: the component is `portable`. A sampled one overwrites
+    `initial_outputs` (None for zeros) at tick 0.
     """
 
     def __init__(
@@ -384,6 +340,34 @@ class NativeComponent(Component):
             # -1, before the first step, is the last index in compiled code
             if one.below and not np.all((values >= -1) & (values < np.maximum(one.limit(self.memory), 1))):
                 raise InputRefused(f"{self.name}.{one.name} = {values.flat[0]}: leads beyond what it counts")
+
+
+class Composite(Component):
+    """A component made of others: their states and messages are part of its own."""
+
+    members: Sequence[Component]
+
+    def member_pieces(self) -> dict[str, np.ndarray]:
+        """Return the pieces of the members, as "member.piece"."""
+        return {f"{one.name}.{name}": array for one in self.members for name, array in one.pieces().items()}
+
+    def holders(self) -> dict[str, Holder]:
+        return {f"{one.name}.{name}": holder for one in self.members for name, holder in one.holders().items()}
+
+    def refuse_index(self) -> None:
+        for one in self.members:
+            one.refuse_index()
+
+    def keep_time(self, clock: np.ndarray) -> None:
+        for one in self.members:
+            one.keep_time(clock)
+
+    def take_messages(self) -> list[tuple[int, str]]:
+        return [message for one in self.members for message in one.take_messages()]
+
+    def close(self) -> None:
+        for one in self.members:
+            one.close()
 
 
 @dataclass(frozen=True)

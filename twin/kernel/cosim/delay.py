@@ -61,8 +61,7 @@ def _play(
 ):  # fmt: skip
     """Step a component `steps[k]` times for each row k of inputs; store outputs and `pieces` of memory after each row.
 
-    Returns:
-        Completed rows: `count`, or fewer if a step `failed`.
+    Return the completed rows: `count`, or fewer if a step `failed`.
     """
     j = 0
     for k in range(count):
@@ -90,8 +89,7 @@ def play(
     """Run a component alone on rows of inputs `u`, from its present state, and return its outputs; changes its memory.
 
     Args:
-        t, h: time and length of each step (s), shape (m,).
-        u: inputs at each step, shape (m, inputs).
+        t, h, u: time and length (s) of each step, (m,), and its inputs, (m, inputs).
         steps: number of steps before each row of outputs, shape (n,), m in total; None for one each.
         before: present outputs, shape (outputs,); None for the initial ones.
         pieces, copies: after each row, the `pieces` of memory are copied to a row of `copies` (rows, pieces.size).

@@ -56,12 +56,9 @@ GRAMMAR_PHRASE = "numbers, t, pi, + - * / ** and " + ", ".join(FUNCTION_CODES)
 
 @dataclass(frozen=True)
 class Expression:
-    """A mathematical expression of time, compiled to a program of a stack machine.
+    """A mathematical expression of time, compiled to a program of a stack machine that needs `depth` places.
 
-    Attributes:
-        operations: operation codes, (n,) int64.
-        numbers: operand of each OP_NUMBER, (n,).
-        depth: required stack size.
+    `operations` are its codes, (n,) int64; `numbers` the operand of each OP_NUMBER, (n,).
     """
 
     text: str
@@ -80,14 +77,7 @@ class Expression:
 
 
 def parse_expression(text: str, where: str) -> Expression:
-    """Parse a mathematical expression of time into a program of a stack machine.
-
-    Args:
-        where: prefix of error messages.
-
-    Raises:
-        InputRefused: not an expression of the grammar.
-    """
+    """Parse a mathematical expression of time into a program of a stack machine."""
     if len(text) > MAX_LENGTH:
         raise InputRefused(f"{where}: an expression of {len(text)} characters; expected at most {MAX_LENGTH}")
     try:
@@ -107,8 +97,6 @@ def parse_expression(text: str, where: str) -> Expression:
 
 
 class _ExpressionReader:
-    """Compiler from the syntax tree of an expression to stack-machine operations in postfix order."""
-
     def __init__(self, where: str):
         self._where = where
         self.program: list[tuple[int, float]] = []

@@ -24,12 +24,7 @@ def count_in(bins, seconds):
 
 
 class Histogram:
-    """A histogram of durations, whose quantiles are accurate to 2 %.
-
-    Attributes:
-        bins: number of durations per bin, (BIN_COUNT,) int64.
-        largest: largest duration (s).
-    """
+    """Durations per bin, (BIN_COUNT,) int64, and the largest (s); quantiles are accurate to 2 %."""
 
     def __init__(self) -> None:
         self.bins = np.zeros(BIN_COUNT, dtype=np.int64)
@@ -42,7 +37,6 @@ class Histogram:
 
     @property
     def count(self) -> int:
-        """Number of durations in the histogram."""
         return int(self.bins.sum())
 
     def counts_below(self, bounds: Sequence[float]) -> list[int]:

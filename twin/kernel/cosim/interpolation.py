@@ -21,11 +21,7 @@ before."""
 
 
 def input_weights(port: Port, seen: bool, inputs: Inputs) -> np.ndarray:
-    """Weights (2, 3) of the source's valid, newest and previous outputs in an input: first step, repeated steps.
-
-    Args:
-        seen: whether the result of the input's source is known in the first step.
-    """
+    """Weights (2, 3) of the source's valid, newest (if `seen`) and previous outputs in an input: first, later steps."""
     ends = np.array(
         [
             NEWEST_WEIGHTS if seen else VALID_WEIGHTS if inputs == "hold" else 2.0 * VALID_WEIGHTS - PREVIOUS_WEIGHTS,

@@ -19,7 +19,7 @@ from twin.kernel.compiled.function import carray, copy, njit, pointer_to
 from twin.kernel.cosim.component import (
     NOT_FINITE,
     Component,
-    Holder,
+    Composite,
     address_of,
     call_step,
     doubles_at,
@@ -43,7 +43,6 @@ MEMBER_RECORD = record(
     y_size="i8",
     finite="i8",
 )
-"""Member data of the loop: addresses and sizes."""
 LOOP_MEMORY = record(
     members="i8",
     count="i8",
@@ -103,10 +102,7 @@ def _check_member(m, c, part, status):
 
 @njit(cache=True)
 def _run_pass(m, t, h):
-    """Step all members of an algebraic loop once at the present iterate z, and store the residual g(z) - z.
-
-    Return False if a member failed. Return False if a member failed.
-    """
+    """Step all members of a loop once at the iterate z, store the residual g(z) - z; return whether all succeeded."""
     members = carray(_members_at(m.members), m.count)
     m.passes += 1
     for c in range(m.count):
@@ -286,18 +282,12 @@ def _step(m, t, h, u, y):
     return 0
 
 
-class LoopComponent(Component):
+class LoopComponent(Composite):
     """A component that solves an algebraic loop: its members, stepped as one continuous component.
 
-    Args:
-        inputs: ports; wires refer to them as "given.<port>".
-        members: continuous components of period 1, in the order of a pass.
-        wires: (output, input) pairs as in `System`, of whole ports; every input of a member has one.
-        path: name of the loop, for messages.
-        cure: alternatives if it does not converge, for messages.
-
-    Raises:
-        InputRefused: a member has no reaction function and cannot repeat a step, or too many unknowns.
+    Members are continuous, of period 1, in the order of a pass. Wires join whole ports as in `System`, one for every
+    input of a member, and refer to the loop's own inputs as "given.<port>". `cure` has alternatives, for messages, if
+    it does not converge.
     """
 
     INPUT_OWNER = "given"
@@ -406,29 +396,11 @@ class LoopComponent(Component):
 
     def pieces(self) -> dict[str, np.ndarray]:
         own = {"values": self._values, "inverse": self._inverse, "scale": self._scale, "known": self._memory["known"]}
-        return own | {f"{c.name}.{name}": array for c in self.members for name, array in c.pieces().items()}
-
-    def holders(self) -> dict[str, Holder]:
-        return {f"{c.name}.{name}": holder for c in self.members for name, holder in c.holders().items()}
+        return own | self.member_pieces()
 
     def lacks_state(self, portable: bool = True) -> str:
         reasons = [(c.label or c.name, why) for c in self.members if (why := c.lacks_state(portable))]
         return "; ".join(f"has {label}, which {why}" for label, why in reasons)
-
-    def refuse_index(self) -> None:
-        for component in self.members:
-            component.refuse_index()
-
-    def keep_time(self, clock: np.ndarray) -> None:
-        for component in self.members:
-            component.keep_time(clock)
-
-    def take_messages(self) -> list[tuple[int, str]]:
-        return [message for component in self.members for message in component.take_messages()]
-
-    def close(self) -> None:
-        for component in self.members:
-            component.close()
 
 
 def _value_offsets(given: str, inputs: tuple[Port, ...], members: Sequence[Component]) -> dict[str, int]:

@@ -16,28 +16,12 @@ import numpy as np
 from twin.kernel.compiled.function import carray, copy, njit, pointer_to
 from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.component import NOT_FINITE, call_step, clock_cycles, doubles_at, integers_at
+from twin.kernel.cosim.port import record
+from twin.kernel.settings import fields_of_form
 
-COMPONENT_RECORD = np.dtype(
-    [
-        ("step", "i8"),
-        ("self", "i8"),
-        ("period", "i8"),
-        ("sources", "i8"),
-        ("weights", "i8"),
-        ("u", "i8"),
-        ("u_size", "i8"),
-        ("valid", "i8"),
-        ("newest", "i8"),
-        ("before", "i8"),
-        ("y_size", "i8"),
-        ("finite", "i8"),
-        ("unread", "i8"),
-        ("cycles", "i8"),
-        ("save", "i8"),
-        ("restore", "i8"),
-        ("rewind", "i8"),
-    ],
-    align=True,
+COMPONENT_RECORD = record(
+    **fields_of_form("i8", "step self period sources weights u u_size valid newest before y_size finite unread cycles"),
+    **fields_of_form("i8", "save restore rewind"),
 )
 """Component data of the loop. Addresses: step function, its memory, the indices into `y` of its inputs, its inputs, and
 the copies of its outputs (only the valid one for a sampled component). Period (ticks), number of inputs and outputs,
@@ -54,25 +38,10 @@ component.
 
 NO_COMPONENT = -1
 """Component number in the mark between slices, when no component is stepping."""
-LOOP_RECORD = np.dtype(
-    [
-        ("table", "i8"),
-        ("components", "i8"),
-        ("sampled", "i8"),
-        ("timed", "i8"),
-        ("iterations", "i8"),
-        ("apart", "i8"),
-        ("dt", "f8"),
-        ("y", "i8"),
-        ("width", "i8"),
-        ("rows", "i8"),
-        ("row_width", "i8"),
-        ("last", "i8"),
-        ("mark", "i8"),
-        ("culprit", "i8"),
-        ("status", "i8"),
-    ],
-    align=True,
+LOOP_RECORD = record(
+    **fields_of_form("i8", "table components sampled timed iterations apart"),
+    dt="f8",
+    **fields_of_form("i8", "y width rows row_width last mark culprit status"),
 )
 """Memory of the loop: address of a `COMPONENT_RECORD` table, number of components, and number `sampled` of the sampled
 ones, which come first; whether to count cycles; number of passes over each step of the continuous components, at least
@@ -152,9 +121,8 @@ def _call_all(m, table, mark, restoring):
 def _step_continuous(m, table, mark, timed, y, k, again, apart):
     """Step every continuous component that is due; return False, and set `status`, if one fails.
 
-    Args:
-        apart: whether newest outputs are separate; if False, all components are due and inputs are held. Passed as a
-            constant so that the compiler removes the unused branch.
+    Unless newest outputs are `apart`, all components are due and inputs are held. It is a constant, so that the
+    compiler removes the unused branch.
     """
     for c in range(np.uint64(m.sampled), np.uint64(m.components)):
         part = table[c]
@@ -169,15 +137,10 @@ def _step_continuous(m, table, mark, timed, y, k, again, apart):
 
 @njit(cache=True)
 def run_ticks(m, first, count, row):
-    """Run ticks `first` to `first + count - 1` of a co-simulation, at most to the last tick, and store output rows.
+    """Run ticks `first` to `first + count - 1` of a co-simulation, at most to the last tick; return the rows written.
 
-    Args:
-        m: record of `LOOP_RECORD`.
-        row: index of the first row to write.
-
-    Returns:
-        Rows written. If `m.culprit` is a component, its step failed at tick `first + rows written - 1` (continuous) or
-        `first + rows written` (sampled).
+    `m` is a `LOOP_RECORD`, `row` the index of the first row. If `m.culprit` is a component, its step failed at tick
+    `first + rows written - 1` (continuous) or `first + rows written` (sampled).
     """
     table, mark = carray(_parts_at(m.table), m.components), carray(integers_at(m.mark), 2)
     y = carray(doubles_at(m.y), 3 * m.width)
@@ -218,10 +181,9 @@ def run_ticks(m, first, count, row):
 
 @entry("int", "int", "int", "int", "int")
 def advance(loop, first, count, row):
-    """Run ticks of the co-simulation loop whose memory is at address `loop`; passing only integers takes 0.2 us.
+    """Run ticks of the loop at address `loop`; return the rows written, or -1 - rows if a component failed.
 
-    Returns:
-        Rows written; -1 - rows if a component failed.
+    Passing only integers takes 0.2 us.
     """
     m = carray(_loop_at(loop), 1)[0]
     done = run_ticks(m, first, count, row)

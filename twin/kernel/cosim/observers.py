@@ -31,12 +31,8 @@ class Observer:
     """An observer of a simulation; subclasses override the methods they need.
 
     The stepping thread calls all observers in order between slices, so slow observers delay the run. Observers must not
-    write to rows.
-
-    Attributes:
-        enough: whether the simulation may end early; read after every slice.
-        halts: ticks at which a slice must begin.
-        lasting: names of the attributes that belong to the state of a run.
+    write to rows. Once `enough` is set, the simulation may end early after a slice; a slice begins at the ticks in
+    `halts`. `lasting` names the attributes that belong to the state of a run.
     """
 
     enough = False
@@ -54,11 +50,7 @@ class Observer:
         return encode_json({name: getattr(self, name) for name in self.lasting})
 
     def restore(self, state: Any) -> None:
-        """Restore the observer's state from a result of `state` at the same tick.
-
-        Raises:
-            InputRefused: invalid content.
-        """
+        """Restore the observer's state from a result of `state` at the same tick."""
         found = decode_json(state, type(self).__name__)
         if not isinstance(found, dict) or set(found) != set(self.lasting):
             raise InputRefused(f"the state of {type(self).__name__} has other contents than {', '.join(self.lasting)}")
@@ -71,12 +63,9 @@ class Observer:
     def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         """Process the output rows and events of a completed slice of the simulation.
 
-        Args:
-            first: tick of the first row.
-            rows: shape (n, width of the system's outputs), overwritten by the next slice. The last slice may be
-                shorter, and empty if a component failed in its first tick.
-            events: events of the slice reported by earlier observers, by ascending tick; an observer may insert its
-                own.
+        Rows are (n, width of the system's outputs), overwritten by the next slice; the last slice may be shorter, and
+        empty if a component failed in its first tick. Earlier observers reported the events, by ascending tick; an
+        observer may insert its own.
         """
 
 
@@ -127,13 +116,7 @@ class SystemOwner(Protocol):
 
 @dataclass(frozen=True)
 class SimulationResult:
-    """Result of a simulation: its final state, failure and wall time.
-
-    Attributes:
-        simulation: completed or failed simulation.
-        stepping: wall time in the master (s).
-        first: tick at which stepping began.
-    """
+    """Final state and failure of a simulation begun at tick `first`, and wall time `stepping` in the master (s)."""
 
     simulation: Simulation
     stepping: float
@@ -170,19 +153,9 @@ def simulate(
 ) -> SimulationResult:
     """Step a co-simulation system from its first to its last tick, until a component fails or an observer ends it.
 
-    Args:
-        assembly: owner of a newly created system.
-        last_tick: last tick, which gets a row but no step.
-        observers: called in this order.
-        slice_ticks: maximum length of a slice (ticks).
-        timed: whether to measure the time of each component.
-        state: initial state in place of tick 0.
-        lasting: observers by name that are restored from the entry "observers" of the state.
-        adopt: restores a state of a different system; None if the state is of the same system.
-        start: moves the simulation to a tick other than 0 if there is no such `state`.
-
-    Raises:
-        InputRefused: the state is of another system.
+    The last tick gets a row but no step. Observers are called in order, and `timed` measures each component. A `state`
+    replaces tick 0: observers in `lasting` are restored from its entry "observers", and `adopt` restores it if of a
+    different system. Without one, `start` may move the simulation to another tick.
     """
     simulation = Simulation(assembly.system, last_tick, slice_ticks, timed)
     if state is not None:

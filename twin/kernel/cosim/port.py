@@ -15,14 +15,13 @@ STATE_KEY, BELOW_KEY = "state", "below"
 
 @dataclass(frozen=True)
 class Port:
-    """A named input or output of a component, with size, unit and meaning.
+    """A named input or output of a component, with size (doubles), unit and meaning.
 
     Attributes:
         name: name of the quantity, the same in all components.
-        size: number of doubles.
         unit: SI unit as text, "1" for pure numbers.
         meaning: one phrase, including frame and sign.
-        kind: type in a recording, "double", "int" or "bool"; on a wire every value is a double.
+        kind: type in a recording; on a wire every value is a double.
         instant: instant of the step whose value an interpolated input takes: "middle" for an input that is constant
             over the step; see `System`.
     """
@@ -68,9 +67,8 @@ def format_values(ports: tuple[Port, ...], values: np.ndarray) -> str:
 def record(**fields: Any) -> np.dtype:
     """Dtype of a record for compiled code, with the given fields, aligned as in C.
 
-    Args:
-        fields: field name -> "i8" for an integer or address, "u8" for an unsigned integer, "f8" for a double, "3f8" for
-            three doubles, a record, (record, (n,)) for n records, or `state` of one of these if steps change it.
+    Forms: "i8" for an integer or address, "u8" for an unsigned integer, "f8" for a double, "3f8" for three doubles, a
+    record, (record, (n,)) for n records, or `state` of one of these if steps change it.
     """
     return np.dtype(list(fields.items()), align=True)
 
@@ -78,10 +76,8 @@ def record(**fields: Any) -> np.dtype:
 def state(form: Any, below: str = "") -> np.dtype:
     """Mark a field of a memory record as changed by steps, so that it is saved; for an address, the memory behind it.
 
-    Args:
-        form: see `record`.
-        below: for an index, name of the field that is its upper bound (exclusive), in the same record, or prefixed by
-            "/" in the outermost one; "" for other fields.
+    `below` names the field that is the upper bound (exclusive) of an index, in the same record, or prefixed by "/" in
+    the outermost one; "" for other fields.
     """
     kind = np.dtype(form)
     base, shape = kind.subdtype or (kind, ())
@@ -96,12 +92,7 @@ def states(**fields: Any) -> dict[str, np.dtype]:
 
 @dataclass(frozen=True)
 class StateField:
-    """A field of a memory record, possibly nested, that steps change, so that it is saved.
-
-    Attributes:
-        path: field names from the outermost record.
-        below: see `state`.
-    """
+    """A field, `path` from the outermost record, that steps change, so that it is saved; `below`: see `state`."""
 
     path: tuple[str, ...]
     below: str
@@ -147,9 +138,8 @@ def memory_of(kind: np.dtype, **values: Any) -> np.ndarray:
 def record_of(values: type, **more: Any) -> np.dtype:
     """Record dtype for compiled code, with the fields of a class of numbers, and `more` fields.
 
-    Args:
-        values: a `Values` class, a table of settings (its numbers become fields), or a NamedTuple of floats, triples of
-            floats, and integers (including Booleans and members of an IntEnum).
+    The class is `Values`, a table of settings (its numbers become fields), or a NamedTuple of floats, triples of
+    floats, and integers (including Booleans and members of an IntEnum).
     """
     if issubclass(values, Settings):
         forms = {name: source.form for name, source in setting_fields(values).items()}

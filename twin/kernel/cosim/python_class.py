@@ -37,10 +37,7 @@ MAX_EXCEPTION_TEXT = 200
 
 
 class PythonModel(Protocol):
-    """Interface of a Python class that can be a component.
-
-    Plain class attributes serve as the three properties.
-    """
+    """Interface of a Python class that can be a component; plain class attributes serve as the three properties."""
 
     @property
     def inputs(self) -> Sequence[Port]:
@@ -59,14 +56,7 @@ class PythonModel(Protocol):
 
 
 class PythonComponent(Component):
-    """A Python object as a component; slower than a compiled one, as each step is a callback.
-
-    Args:
-        model: Python object with the step.
-        period: step of the component (ticks).
-        initial_outputs: None for zeros.
-        label: name in error messages; the class name by default.
-    """
+    """A Python object as a component; slower than a compiled one, as each step is a callback."""
 
     def __init__(
         self,
@@ -123,13 +113,9 @@ class PythonComponent(Component):
 
 
 class ObjectStates:
-    """Saved states of a Python object as a `Holder`; its tokens are the serialised state.
+    """Saved states of a Python object as a `Holder`, or why it is `lacking` them, as a verb phrase; "" if it has.
 
-    Args:
-        label: name in error messages.
-
-    Attributes:
-        lacking: reason why its state cannot be saved, as a verb phrase; "" if it can.
+    Its tokens are the serialised state.
     """
 
     def __init__(self, label: str, model: Any):
@@ -171,12 +157,9 @@ class InvalidOutputs(Exception):
 
 
 class DeclaredPorts:
-    """Input or output ports that a Python class declares, optionally in units of its own.
+    """Input or output ports that a Python class declares, in the order offered, optionally in units of its own.
 
-    Attributes:
-        ports: declared ports, in the order offered.
-        gains: port name -> SI value per value in the class's unit.
-        units: port name -> the class's unit.
+    `gains` has the SI value per value in the class's unit by port, `units` that unit.
     """
 
     def __init__(self, label: str, side: str, listed: Any, offered: Sequence[Port]):
@@ -207,14 +190,9 @@ def _gain(label: str, port: Port, unit: Any) -> float:
 
 
 class NamedPorts:
-    """Adapter from a class with dictionaries of values to a `PythonModel`; arrays are copied in both directions.
+    """Adapter from a model with `step(t, inputs) -> outputs`, dictionaries of values, to a `PythonModel`.
 
-    Args:
-        model: object with `step(t, inputs) -> outputs`.
-        inputs, outputs: its declared ports.
-
-    Attributes:
-        stateful: `model`, which holds the state.
+    Arrays are copied in both directions. `stateful` is the model, which holds the state.
     """
 
     sampled = True
@@ -230,7 +208,6 @@ class NamedPorts:
 
 
 def _write_outputs(answer: Any, wanted: DeclaredPorts, into: np.ndarray) -> None:
-    """Check the outputs that a Python step returned and write them to the array `into`, in SI units."""
     if not isinstance(answer, Mapping):
         raise InvalidOutputs(f"returned {type(answer).__name__} from step (expected a dictionary of its outputs)")
     for name, size, place, gain in wanted.places:
@@ -251,14 +228,7 @@ def _write_outputs(answer: Any, wanted: DeclaredPorts, into: np.ndarray) -> None
 
 
 class PythonSource:
-    """A Python source file with component classes, read and compiled once.
-
-    Attributes:
-        sha256: digest of its content.
-
-    Raises:
-        InputRefused: it cannot be read, or is not valid Python.
-    """
+    """A Python source file with component classes, read and compiled once."""
 
     def __init__(self, file: Path):
         content = read_bytes(file, kind="Python file")
@@ -271,11 +241,7 @@ class PythonSource:
             raise InputRefused(f"{file}: not a Python file: {problem}") from None
 
     def load_class(self, name: str) -> type:
-        """Execute the Python file as a new module and return its class `name`; it can import from its own folder.
-
-        Raises:
-            InputRefused: the file raises an exception, or has no such class.
-        """
+        """Execute the Python file as a new module and return its class `name`; it can import from its own folder."""
         module = ModuleType(f"{self.file.stem}_{self.sha256[:12]}")
         module.__file__ = str(self.file)
         # dataclasses look up their module in sys.modules
@@ -300,16 +266,7 @@ class PythonSource:
 def declared_ports(
     label: str, kind: Any, inputs: Sequence[Port], outputs: Sequence[Port], required: Sequence[str]
 ) -> tuple[DeclaredPorts, DeclaredPorts]:
-    """Check the ports that a Python component class or instance declares; return its (inputs, outputs).
-
-    Args:
-        label: name in error messages.
-        inputs, outputs: ports offered by the part of the robot that it implements.
-        required: outputs that it must declare.
-
-    Raises:
-        InputRefused: a missing declaration, an unknown port, or no `step(t, inputs)`.
-    """
+    """Check the (inputs, outputs) that a Python component declares, of those offered and with those required."""
     for attribute in ("inputs", "outputs", "step"):
         if not hasattr(kind, attribute):
             raise InputRefused(f"{label}: has no '{attribute}'; expected inputs, outputs and step(t, inputs)")
@@ -324,11 +281,6 @@ def declared_ports(
 
 
 def make_instance(label: str, kind: type, parameters: Mapping[str, Any]) -> Any:
-    """Create an instance of the Python class `kind` with `parameters`.
-
-    Raises:
-        InputRefused: unknown or missing parameters, or an exception in the constructor.
-    """
     try:
         known = list(inspect.signature(kind).parameters)
     except ValueError:
@@ -346,18 +298,14 @@ def make_instance(label: str, kind: type, parameters: Mapping[str, Any]) -> Any:
 
 def exception_phrase(problem: BaseException | None) -> str:
     """Describe an exception and its origin in a phrase: `raised ValueError: text (my_controller.py, line 12)`."""
-    frames = [
-        f for f in traceback.extract_tb(problem.__traceback__ if problem else None) if not _is_this_file(f.filename)
-    ]
+    here = os.path.abspath(__file__)
+    trace = traceback.extract_tb(problem.__traceback__ if problem else None)
+    frames = [frame for frame in trace if os.path.abspath(frame.filename) != here]
     # the innermost frame may be in a library; the user needs the last line of their own file
     own = [frame for frame in frames if "site-packages" not in frame.filename] or frames
     where = f" ({os.path.basename(own[-1].filename)}, line {own[-1].lineno})" if own else ""
     text = " ".join(str(problem).split())
     return f"raised {type(problem).__name__}{': ' if text else ''}{text[:MAX_EXCEPTION_TEXT]}{where}"
-
-
-def _is_this_file(file: str) -> bool:
-    return os.path.abspath(file) == os.path.abspath(__file__)
 
 
 def _accepts(called: Callable[..., Any], *positional: Any, **named: Any) -> bool:

@@ -5,7 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin.kernel.compiled.function import carray
-from twin.kernel.cosim.component import Component, Holder, Rewind, call_step, doubles_at, integers_at, step_function
+from twin.kernel.cosim.component import (
+    Component,
+    Composite,
+    Holder,
+    Rewind,
+    call_step,
+    doubles_at,
+    integers_at,
+    step_function,
+)
 from twin.kernel.cosim.port import Port, record, width
 
 _SELECTION_MEMORY = record(
@@ -27,14 +36,10 @@ def _step(m, t, h, u, y):
     return status
 
 
-class Selection(Component):
-    """A component that exposes an inner component through wider ports.
+class Selection(Composite):
+    """A component that exposes an inner component through wider ports; outer outputs that are not `given` are 0.
 
-    Args:
-        inner: component that does the work.
-        inputs, outputs: outer ports.
-        taken: index of the outer input value for each inner input value.
-        given: index of the outer output value for each inner output value; other outer outputs are 0.
+    For each inner input value, `taken` has the index of the outer one; `given` likewise for outputs.
     """
 
     def __init__(
@@ -45,7 +50,7 @@ class Selection(Component):
         taken: Sequence[int],
         given: Sequence[int],
     ):
-        self.inner = inner
+        self.inner, self.members = inner, (inner,)
         arrays = (
             np.array(taken, dtype=np.uint64), np.zeros(max(1, len(taken))),
             np.array(given, dtype=np.uint64), inner.initial_outputs.copy(),
@@ -82,20 +87,8 @@ class Selection(Component):
     def holders(self) -> dict[str, Holder]:
         return self.inner.holders()
 
-    def refuse_index(self) -> None:
-        self.inner.refuse_index()
-
     def lacks_state(self, portable: bool = True) -> str:
         return self.inner.lacks_state(portable)
 
     def rewind(self) -> Rewind | None:
         return self.inner.rewind()
-
-    def keep_time(self, clock: np.ndarray) -> None:
-        self.inner.keep_time(clock)
-
-    def take_messages(self) -> list[tuple[int, str]]:
-        return self.inner.take_messages()
-
-    def close(self) -> None:
-        self.inner.close()

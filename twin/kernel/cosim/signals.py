@@ -20,11 +20,7 @@ def step(m, t, h, u, y):
 
 
 def playback(ports: tuple[Port, ...], values: np.ndarray) -> Component:
-    """Make a component that plays back `values`: it outputs row k at tick k, and the last row afterwards.
-
-    Args:
-        values: shape (ticks, width of `ports`).
-    """
+    """Make a component that outputs row k of `values` (ticks, width of `ports`) at tick k, the last row afterwards."""
     rows = np.ascontiguousarray(values, dtype=float).reshape(-1, width(ports))
     memory = memory_of(PLAYBACK_MEMORY, count=len(rows), size=rows.shape[1])
     return NativeComponent("signals", (), ports, True, step, memory, rows[0].copy(), pointers={"rows": rows})

@@ -17,12 +17,9 @@ from twin.kernel.hooks import HOOKS
 
 
 def failure_phrase(system: System, u: np.ndarray, y: np.ndarray, culprit: int, status: int, tick: int) -> str:
-    """Describe a component's failure: component, function, simulated time and last inputs, without a full stop.
+    """Describe a failure: component `culprit`, function, simulated time and last inputs, without a full stop.
 
-    Args:
-        u, y: memory of all inputs and of all outputs, as the master left them.
-        culprit, status: component number and status from the master.
-        tick: tick of the failed step.
+    `u` and `y` are the memory of all inputs and outputs, and `status` is the code, as the master left them.
     """
     component = system.components[culprit]
     what = _not_finite(system, y, culprit) if status == NOT_FINITE else component.explain(status)
@@ -52,9 +49,8 @@ def _not_finite(system: System, y: np.ndarray, culprit: int) -> str:
 class SimulationMemory:
     """Memory of a simulation that a supervising process can read while a step runs.
 
-    Attributes:
-        mark: (2,) int64: tick and component being stepped, NO_COMPONENT between slices.
-        u: (inputs_width,) float64: last inputs of each component.
+    `mark` is (2,) int64: tick and component being stepped, NO_COMPONENT between slices; `u` (inputs_width,) last
+    inputs.
     """
 
     mark: np.ndarray
@@ -62,13 +58,10 @@ class SimulationMemory:
 
 
 class Simulation:
-    """A run of a `System` from its first tick to `last_tick`; `failure` and `culprit` describe an early end.
+    """A run of a `System` to `last_tick`, which gets a row but no step; `failure`, `culprit` describe an early end.
 
-    Args:
-        last_tick: last tick, which gets a row but no step.
-        slice_ticks: maximum number of ticks per call of `advance`.
-        timed: whether to count the processor cycles of each component.
-        memory: memory of the mark and the inputs; None to use `HOOKS.memory`.
+    `advance` makes at most `slice_ticks`, and counts each component's processor cycles if `timed`. `memory` has mark
+    and inputs; None to use `HOOKS.memory`.
     """
 
     def __init__(
@@ -125,11 +118,10 @@ class Simulation:
         return self._table["cycles"] if self._timed else np.zeros(0, dtype=np.int64)
 
     def advance(self, most: int | None = None) -> np.ndarray:
-        """Run one slice of the simulation, of at most `most` ticks (None for `slice_ticks`).
+        """Run a slice of at most `most` ticks (None: `slice_ticks`); return (ticks, outputs).
 
-        Returns:
-            (ticks, outputs): one row per tick from the old `next_tick` on, a view that the next call overwrites. If a
-            component failed, only the rows before the failure; `failure` describes it.
+        One row per tick from the old `next_tick` on, a view that the next call overwrites; after a failure, which
+        `failure` describes, only the rows before it.
         """
         done, most = 0, min(len(self._rows), most or len(self._rows))
         # inlined `is_over`, whose call costs a tenth of a slice of small drives
@@ -148,18 +140,14 @@ class Simulation:
     def state(self) -> SystemState:
         """Save the simulation's state at the beginning of `next_tick`, for use here or in another process.
 
-        Raises:
-            InputRefused: a component cannot save its state, see `stateless_reasons`.
-            ComponentFailed: an FMU refuses.
+        InputRefused: a component cannot save it, see `stateless_reasons`; ComponentFailed: an FMU refuses.
         """
         return self._places.save_state(self.next_tick)
 
     def restore(self, state: SystemState | SavedState) -> None:
         """Restore a saved `state` of this simulation or one of the same system; `last_tick` is unchanged.
 
-        Raises:
-            InputRefused: the state is of another system, or a component cannot restore its state.
-            ComponentFailed: an FMU refuses.
+        InputRefused: of another system, or a component cannot restore it. ComponentFailed: an FMU refuses.
         """
         if isinstance(state, SavedState):
             self._refuse_other_time(state)
@@ -179,16 +167,9 @@ class Simulation:
             taken.close()
 
     def adopt(self, saved: SavedState) -> list[str]:
-        """Restore the state of a system that may have more, fewer or changed components.
+        """Restore the state of a system with more, fewer or changed components; return the names of those it lacks.
 
-        Components are matched by name. Constants of the experiment are not changed.
-
-        Returns:
-            Names of components that the state does not contain; they keep their initial state.
-
-        Raises:
-            InputRefused: a component cannot restore the state of its namesake.
-            ComponentFailed: an FMU refuses.
+        Components are matched by name; those it lacks keep their initial state, and constants of the experiment stay.
         """
         self._refuse_other_time(saved)
         new = self._places.adopt(saved)
@@ -198,13 +179,10 @@ class Simulation:
         return new
 
     def copy_from(self, other: "Simulation") -> list[str]:
-        """Copy tick and outputs from another simulation, whose system may have more or fewer components.
+        """Copy tick and outputs from a simulation of a system that may differ; return the components only this has.
 
-        Components shared by both systems keep their own state, so it is not copied; the memory of a different component
-        of the same name is copied, which must be its whole state.
-
-        Returns:
-            Names of components that only this system has; they keep their initial state.
+        These keep their initial state, and shared components their own. The memory of a different component of the same
+        name is copied, which must be its whole state.
         """
         there = {component.name: (component, start) for component, start in other._starts}
         mine, theirs = self._copies(), other._copies()
@@ -225,9 +203,7 @@ class Simulation:
     def jump_to(self, tick: int, outputs: Mapping[str, np.ndarray]) -> None:
         """Set the simulation's present tick and outputs; the caller sets the state of the components.
 
-        Args:
-            outputs: component name -> valid outputs, also used for all other instants that the system stores; other
-                components keep their outputs.
+        `outputs` are valid ones by component, also used for all other instants that the system stores; others stay.
         """
         copies = self._copies()
         for component, start in self._starts:
@@ -250,7 +226,6 @@ class Simulation:
 
     @cached_property
     def _starts(self) -> list[tuple[Component, int]]:
-        """Components of the system with the offsets of their outputs."""
         return list(zip(self.system.components, self.system.y_start.tolist(), strict=False))
 
     def _copies(self) -> np.ndarray:
@@ -258,14 +233,12 @@ class Simulation:
         return self._y.reshape(-1, self.system.outputs_width)
 
     def _set_tick(self, tick: int) -> None:
-        """Set the simulation's present tick and apply the scheduled memory changes before it."""
         for change in self.system.changes:
             if change.tick < tick:
                 change.memory[...] = change.value
         self.next_tick = tick
 
     def _refuse_other_time(self, saved: SavedState) -> None:
-        """Refuse a saved state whose tick is outside this simulation or contradicts the state's time."""
         time = saved.about.get("time", saved.tick * self.system.tick)
         if not self.system.first_tick <= saved.tick <= self.last_tick + 1:
             raise InputRefused(
@@ -280,7 +253,6 @@ class Simulation:
             )
 
     def _refuse_not_finite(self, state: SystemState) -> None:
-        """Refuse a saved state with a non-finite output that a component reads."""
         place = 0
         copies = len(self._y) // max(1, self.system.outputs_width)
         for component in self.system.components:
@@ -298,8 +270,7 @@ class Simulation:
     def run(self) -> np.ndarray:
         """Run the simulation to the end and return all output rows, (last_tick + 1, outputs).
 
-        Raises:
-            ComponentFailed: a component failed; the message names component, function, simulated time and last inputs.
+        ComponentFailed names a failed component, its function, the simulated time and its last inputs.
         """
         slices = []
         while not self.is_over:

@@ -22,13 +22,10 @@ Between = Literal["lines", "held"]
 
 @dataclass(frozen=True)
 class SampledSignal:
-    """A signal given by samples over time.
+    """A signal given by samples (n,) at non-decreasing times (s); it jumps where a time occurs twice.
 
-    Attributes:
-        t: times (s), non-decreasing, (n,); the value jumps where a time occurs twice.
-        values: shape (n,).
-        between: "lines" to interpolate linearly, "held" to hold each value until the next. The first and last value
-            extend beyond the samples.
+    Between them it is interpolated linearly ("lines"), or each value is "held" until the next. The first and last value
+    extend beyond the samples.
     """
 
     t: np.ndarray
@@ -76,13 +73,8 @@ def step(m, t, h, u, y):
     return 0
 
 
-def source(name: str, ports: Sequence[Port], signals: Sequence[Signal], start: float = 0.0) -> NativeComponent:
-    """Make a component that outputs the value of each of the `signals` at every tick; see `SampledSignal`.
-
-    Args:
-        ports: outputs of size 1, one per signal.
-        start: start of the run (s).
-    """
+def source(name: str, ports: Sequence[Port], signals: Sequence[Signal]) -> NativeComponent:
+    """Make a component that outputs the values of `signals` at every tick, each at one of the `ports` (of size 1)."""
     channels, keep = np.zeros(len(signals), dtype=CHANNEL_RECORD), []
     for channel, signal in zip(channels, signals, strict=True):
         if isinstance(signal, Expression):
@@ -94,6 +86,6 @@ def source(name: str, ports: Sequence[Port], signals: Sequence[Signal], start: f
         channel["first"], channel["second"], channel["size"] = *(one.ctypes.data for one in parts[:2]), len(parts[0])
         keep += parts
     memory = np.array([(channels.ctypes.data, len(signals))], dtype=SOURCE_MEMORY)
-    initial = np.array([signal.value_at(start) for signal in signals])
+    initial = np.array([signal.value_at(0.0) for signal in signals])
     # the memory never changes, so the component has no state to save
     return NativeComponent(name, (), tuple(ports), True, step, memory, initial, keep=(channels, keep))

@@ -12,7 +12,7 @@ import re
 import struct
 import weakref
 from collections import defaultdict
-from collections.abc import Iterable, Sequence, Set
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from typing import Any, NamedTuple
@@ -68,10 +68,7 @@ class SavedContent(NamedTuple):
 class SavedState:
     """State of a system without addresses, which any process with the same system can restore.
 
-    Attributes:
-        tick: tick at whose beginning the state was saved.
-        inside: states held by FMUs, Python objects or other processes.
-        about: further JSON-compatible data, such as the identity of the run.
+    `inside` are states in FMUs, Python objects or processes. `about` is other JSON data, such as the run's identity.
     """
 
     tick: int
@@ -90,14 +87,7 @@ class SavedState:
 
     @classmethod
     def from_bytes(cls, content: bytes, where: str) -> "SavedState":
-        """Read the saved state of a system from bytes written by `to_bytes`.
-
-        Args:
-            where: prefix of error messages.
-
-        Raises:
-            InputRefused: not a state, of another version, or damaged.
-        """
+        """Read a state written by `to_bytes`; InputRefused if it is invalid, of another version, or damaged."""
         try:
             size = zstandard.frame_content_size(content)
             if not 8 <= size <= MAX_STATE_SIZE:
@@ -152,11 +142,7 @@ def _has_type(value: Any, kind: type) -> bool:
 
 
 class SystemState:
-    """Saved state of a system in the memory of its own process; FMUs hold their part of it.
-
-    Attributes:
-        tick: tick at whose beginning the state was saved.
-    """
+    """Saved state of a system in the memory of its own process; FMUs hold their part of it."""
 
     def __init__(self, places: "StatePlaces", tick: int, memory: np.ndarray, tokens: Sequence[Any]):
         self.tick, self.memory, self.tokens = tick, memory, tuple(tokens)
@@ -166,11 +152,9 @@ class SystemState:
         self._freed.atexit = False
 
     def saved(self, **about: Any) -> SavedState:
-        """Export the saved state for another process, with additional data `about` it.
+        """Export the state for another process, with data `about` it.
 
-        Raises:
-            InputRefused: a component's state cannot be serialised.
-            ComponentFailed: an FMU refuses.
+        InputRefused: a component's state cannot be serialised. ComponentFailed: an FMU refuses.
         """
         return self.places.export_state(self, about)
 
@@ -187,13 +171,7 @@ def holds_all(holder: Holder) -> bool:
 class StatePlaces:
     """Memory pieces and holders that together contain the state of a system, to save and restore it.
 
-    Args:
-        components: components of the system.
-        outputs: memory of all outputs, in one or several copies; empty if it belongs to another system.
-        inputs: memory of all inputs; likewise.
-
-    Raises:
-        InputRefused: a component cannot save its state.
+    `outputs` and `inputs` are the memory of all of them, in one or several copies; empty if of another system.
     """
 
     def __init__(self, components: Sequence[Component], outputs: np.ndarray, inputs: np.ndarray):
@@ -217,13 +195,11 @@ class StatePlaces:
         return SystemState(self, tick, self._memory.save(), [holder.save_state() for *_, holder in self._holders])
 
     def restore_state(self, state: SystemState) -> None:
-        """Restore a state of the system that was saved here."""
         for (*_, holder), token in zip(self._holders, state.tokens, strict=True):
             holder.restore_state(token)
         self._memory.restore(state.memory)
 
     def free(self, tokens: Sequence[Any]) -> None:
-        """Free the saved states that the tokens of all holders identify."""
         for (*_, holder), token in zip(self._holders, tokens, strict=False):
             holder.free(token)
 
@@ -257,22 +233,17 @@ class StatePlaces:
         return SavedState(state.tick, pieces, inside, about)
 
     def import_state(self, saved: SavedState) -> SystemState:
-        """Convert a state from another process or file, of the same system, to a state that can be restored here.
-
-        Raises:
-            InputRefused: the state is of another system, or invalid.
-            ComponentFailed: an FMU refuses its part.
-        """
+        """Convert a state from another process or file, of the same system, to a state that can be restored here."""
         pieces, contents = self._split_state(saved)
         described = [(c, name, array.dtype.str, list(array.shape)) for c, name, array in self._pieces]
-        there = {piece.form[:2]: piece for piece in pieces}
+        there, held = {piece.form[:2]: piece for piece in pieces}, {holder[:2] for holder in self._holders}
         for form in described:
             if form[:2] not in there or there[form[:2]].form != form:
                 its = there.get(form[:2], "nothing of that name")
                 raise InputRefused(f"the state is of another system: it has {its} for {SavedPiece(*form, b'')}")
-        if len(there) != len(described) or len(pieces) != len(described) or contents.keys() != self._holder_keys:
+        if len(there) != len(described) or len(pieces) != len(described) or contents.keys() != held:
             named = {form[:2] for form in described}
-            more = [".".join(key) for key in [*there, *contents] if key not in named and key not in self._holder_keys]
+            more = [".".join(key) for key in [*there, *contents] if key not in named and key not in held]
             raise InputRefused(
                 f"the state is of another system: {', '.join(more[:3]) or 'parts of it'} fit nothing here"
             )
@@ -287,15 +258,7 @@ class StatePlaces:
         return SystemState(self, saved.tick, memory, tokens)
 
     def adopt(self, saved: SavedState) -> list[str]:
-        """Restore the components that `saved`, possibly of a different system, has in common with this system.
-
-        Returns:
-            Names of components that the state does not contain; they are unchanged.
-
-        Raises:
-            InputRefused: a component of the same name has a different form of state.
-            ComponentFailed: an FMU refuses its part.
-        """
+        """Restore the components that `saved`, possibly of another system, has; return the names of the others."""
         pieces, contents = self._split_state(saved)
         there = {piece.form[:2]: piece for piece in pieces}
         known = {component for component, _ in [*there, *contents]}
@@ -318,16 +281,10 @@ class StatePlaces:
                 holder.free(token)
         return [component.name for component in self._components if component.name not in known]
 
-    @property
-    def _holder_keys(self) -> Set[tuple[str, str]]:
-        return {(component, name) for component, name, _ in self._holders}
-
     def _split_state(self, saved: SavedState) -> tuple[list[SavedPiece], dict[tuple[str, str], bytes]]:
-        """Split a saved state into the memory pieces of this process, and the contents that its holders restore.
+        """Split a saved state into this process's memory pieces, and states by (component, holder name).
 
-        Returns:
-            The pieces, and (component, holder name) -> serialised state. A holder that saves its whole component, which
-            lives in another process, gets a `SavedState` with all pieces of the component.
+        A holder of a whole component that lives in another process gets a `SavedState` with all its pieces.
         """
         pieces, left = list(saved.pieces), list(saved.inside)
         contents: dict[tuple[str, str], bytes] = {}
@@ -381,14 +338,7 @@ def encode_json(value: Any) -> Any:
 
 
 def decode_json(stated: Any, where: str) -> Any:
-    """Restore a value from the result of `encode_json`; tuples become lists.
-
-    Args:
-        where: prefix of error messages.
-
-    Raises:
-        InputRefused: not a result of `encode_json`.
-    """
+    """Restore a value from the result of `encode_json`; tuples become lists."""
     if isinstance(stated, list):
         return [decode_json(one, where) for one in stated]
     if not isinstance(stated, dict):

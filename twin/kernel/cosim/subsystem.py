@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin.kernel.compiled.function import carray, copy, pointer_to
-from twin.kernel.cosim.component import Component, Holder, address_of, doubles_at, integers_at, step_function
+from twin.kernel.cosim.component import Component, Composite, address_of, doubles_at, integers_at, step_function
 from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.cosim.master import LOOP_RECORD, run_ticks
 from twin.kernel.cosim.port import Port, record, width
@@ -52,24 +52,12 @@ def _step(m, t, h, u, y):
     return 0
 
 
-class Subsystem(Component):
-    """A component whose step is `substeps` ticks of an inner system.
+class Subsystem(Composite):
+    """A component whose step is `substeps` ticks (of `tick` s) of an inner system.
 
-    Args:
-        inputs: ports; inner wires refer to them as "inlet.<port>".
-        outputs: pairs (port, "component.port" of the inner system).
-        components, wires, scheme: the inner system.
-        tick: inner tick (s).
-        substeps: inner ticks per outer step.
-        label: name in error messages.
-        sampled: whether it is evaluated at t_k; its outputs are then meaningless before the first evaluation.
-
-    Attributes:
-        system, wires: the inner system.
-        outlets: output name -> "component.port" of the inner system.
-
-    Raises:
-        InputRefused: `substeps` < 1, or as `System`.
+    Inner wires refer to the ports `inputs` as "inlet.<port>". `outputs` are (port, "component.port" of the inner
+    system), which `outlets` has by name. If sampled, it is evaluated at t_k, and its outputs are meaningless before the
+    first evaluation.
     """
 
     def __init__(
@@ -93,6 +81,8 @@ class Subsystem(Component):
             keep=inlet_memory,
         )  # fmt: skip
         self.system = System([inlet, *components], wires, tick, scheme)
+        # without the inlet, whose values are set again in every step
+        self.members = self.system.components[1:]
         self.wires, self.outlets = tuple(wires), {port.name: source for port, source in outputs}
         self._u = np.zeros(self.system.inputs_width)
         self._y = self.system.outputs()
@@ -125,35 +115,10 @@ class Subsystem(Component):
         return f"failed inside: {inside};"
 
     def pieces(self) -> dict[str, np.ndarray]:
-        own = {"inner_outputs": self._y, "next": self._memory["next"]}
-        inner = {f"{c.name}.{name}": array for c in self._inner for name, array in c.pieces().items()}
-        return own | inner
-
-    def holders(self) -> dict[str, Holder]:
-        return {f"{c.name}.{name}": holder for c in self._inner for name, holder in c.holders().items()}
+        return {"inner_outputs": self._y, "next": self._memory["next"]} | self.member_pieces()
 
     def lacks_state(self, portable: bool = True) -> str:
-        reasons = dict.fromkeys((c.label or c.name, why) for c in self._inner if (why := c.lacks_state(portable)))
+        reasons = dict.fromkeys((c.label or c.name, why) for c in self.members if (why := c.lacks_state(portable)))
         if [label for label, _ in reasons] == [self.label]:
             return next(why for _, why in reasons)
         return "; ".join(f"has {label}, which {why}" for label, why in reasons)
-
-    def refuse_index(self) -> None:
-        for component in self._inner:
-            component.refuse_index()
-
-    @property
-    def _inner(self) -> Sequence[Component]:
-        """Components of the inner system except the inlet, whose values are set again in every step."""
-        return self.system.components[1:]
-
-    def keep_time(self, clock: np.ndarray) -> None:
-        for component in self.system.components:
-            component.keep_time(clock)
-
-    def take_messages(self) -> list[tuple[int, str]]:
-        return [message for component in self.system.components for message in component.take_messages()]
-
-    def close(self) -> None:
-        for component in self.system.components:
-            component.close()

@@ -165,8 +165,7 @@ class System:
     def has_separate_newest(self) -> bool:
         """Whether the newest outputs of components are stored separately from the valid ones.
 
-        Not needed in Gauss-Seidel order if all components step every tick, as every replaced value has been read
-        before.
+        Not in Gauss-Seidel order if all step every tick, as every replaced value has been read before.
         """
         every = all(c.period == 1 for c in self.components[self.sampled :])
         return self.interpolates or self.scheme != "gauss_seidel" or not every
@@ -185,15 +184,10 @@ class System:
         return np.tile(valid, 3 if self.interpolates else 1 + self.has_separate_newest)
 
     def table(self, u: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Make the table of components for the compiled loop.
+        """Make the table of components for the compiled loop, `COMPONENT_RECORD` (number of components,).
 
-        Args:
-            u: memory of all inputs, (inputs_width,).
-            y: memory of all outputs, from `outputs`.
-
-        Returns:
-            `COMPONENT_RECORD` array, (number of components,); it contains addresses of `u`, `y` and this system
-            without keeping them alive.
+        `u` is the memory of all inputs, (inputs_width,), `y` the memory of all outputs, from `outputs`. The table
+        contains addresses of these and of this system without keeping them alive.
         """
         table = np.zeros(len(self.components), dtype=COMPONENT_RECORD)
         table["step"] = [c.step_address for c in self.components]
@@ -216,13 +210,7 @@ class System:
         return table
 
     def loop(self, table: np.ndarray, y: np.ndarray, mark: np.ndarray, last: int) -> np.ndarray:
-        """Make the memory record of the compiled loop, `LOOP_RECORD` (1,), without rows; it keeps no argument alive.
-
-        Args:
-            table: component table, from `table`.
-            y: memory of all outputs, from `outputs`.
-            mark: (2,) int64, see `LOOP_RECORD`.
-        """
+        """Make the record of the compiled loop, `LOOP_RECORD` (1,), without rows; it keeps no argument alive."""
         loop = np.zeros(1, dtype=LOOP_RECORD)
         m = loop[0]
         m["table"], m["components"], m["sampled"] = table.ctypes.data, len(table), self.sampled

@@ -31,12 +31,7 @@ STATELESS_FOLDER = "without_state"
 
 
 def mark_stateless(sha256: str, reason: str) -> None:
-    """Mark an FMU as unable to save its state, for all processes of this user, or remove the mark.
-
-    Args:
-        sha256: digest of the FMU file.
-        reason: the finding; "" to remove the mark.
-    """
+    """Mark an FMU as unable to save its state for a `reason`, in all of this user's processes; "" removes the mark."""
     file = cache_folder(STATELESS_FOLDER) / sha256
     if reason:
         file.write_text(reason)
@@ -50,10 +45,9 @@ def is_marked_stateless(sha256: str) -> bool:
 
 
 class FmuStates:
-    """Saved internal states of an FMU (FMI 2.0.4, 2.1.8; FMI 3.0, 2.2.5) as a `Holder`; tokens are their addresses.
+    """Saved states of an FMU (FMI 2.0.4, 2.1.8; FMI 3.0, 2.2.5) as a `Holder`; tokens are their addresses.
 
-    Args:
-        stepping: its step; while tokens exist, it announces to the FMU that a state may be restored.
+    While tokens exist, its step announces to the FMU that a state may be restored.
     """
 
     def __init__(self, instance: Instance, stepping: Stepping):
@@ -83,7 +77,6 @@ class FmuStates:
         return self._register(self._instance.deserialize_state(content))
 
     def close(self) -> None:
-        """Free all saved states of the FMU."""
         for token in list(self._tokens):
             self.free(token)
 
@@ -96,13 +89,7 @@ class FmuStates:
 
 
 class RememberedMessages:
-    """Saved lists of the messages that an FMU has reported, as a `Holder`.
-
-    Args:
-        label: prefix of error messages.
-        instance: FMU instance, which reports each message once.
-        stepping: its step, which reports discarded steps once.
-    """
+    """Messages and discarded steps that an FMU and its step, which report each once, have reported, as a `Holder`."""
 
     def __init__(self, label: str, instance: Instance, stepping: Stepping):
         self._label, self._instance, self._stepping = label, instance, stepping
@@ -136,18 +123,12 @@ def open_instance(
     inputs: Sequence[Setting] = (),
     setup: Setup = Setup(),  # noqa: B008, it is frozen
 ) -> Instance:
-    """Create and initialise an FMU instance, for co-simulation or model exchange; arguments as of `Instance`.
-
-    Raises:
-        InputRefused: it cannot be loaded, instantiated or initialised.
-    """
+    """Create and initialise an FMU instance, for co-simulation or model exchange; arguments as of `Instance`."""
     kind = ModelExchange if description.kind == "model_exchange" else CosimInstance
     return kind(name, description, folder, settings, inputs, setup)
 
 
 class _DeferredInstances:
-    """FMU instances whose release is deferred, and whether release is deferred now."""
-
     def __init__(self) -> None:
         self.now = False
         self.instances: list[Instance] = []
@@ -181,23 +162,17 @@ class FmuComponent(Component):
     """An FMU instance as a component of a co-simulation, with a solver for model exchange.
 
     Args:
-        name: name of component and FMU instance.
-        folder: folder of the unpacked FMU.
-        inputs, outputs: its ports.
         settings: values set before initialisation, in the FMU's units.
         inputs_at_start: port -> value (SI) in initialisation mode; 0 for other ports.
         outputs_at_start: port -> value (SI) of the output at t = 0 after a shift: the zero of an angle is arbitrary,
             and the shaft is coupled at its present angle.
-        setup: data of the run.
         sampled: whether it is evaluated at t_k; its outputs are then meaningless before the first evaluation.
         instance: FMU instance in step mode; None to create and initialise one.
         solver: solver for model exchange; None for CVODE.
         unread: names of output ports that nothing reads; they need not be finite.
 
-    Raises:
-        InputRefused: the FMU cannot be initialised, an output is not finite afterwards, or CVODE is not available for
-            this platform.
-        ComponentFailed: an output cannot be read.
+    InputRefused: it cannot be initialised, an output is not finite afterwards, or CVODE is not available for this
+    platform. ComponentFailed: an output cannot be read.
     """
 
     def __init__(
@@ -221,27 +196,17 @@ class FmuComponent(Component):
         make = CosimInstance if sampled else open_instance
         self.instance = instance or make(name, description, folder, settings, started, setup)
         try:
-            initial = (
-                np.concatenate([p.gain * self._initial_values(p) + p.offset for p in outputs])
-                if outputs
-                else np.zeros(0)
-            )
-        except TwinError:
-            self.instance.close()
-            raise
-        if sampled:
-            initial[:] = 0.0
-        # adding -0.0 leaves every value unchanged, adding 0.0 would turn -0.0 into 0.0
-        shift = np.full(len(initial), -0.0)
-        for p in port_slots(outputs):
-            if p.port.port.name in (outputs_at_start or {}):
-                shift[p.slots] = (outputs_at_start or {})[p.port.port.name] - initial[p.slots]
-        may = np.array([p.port.name in unread for p in outputs for _ in range(p.port.size)], dtype=np.int64)
-        if not np.all(np.isfinite(initial) | (may > 0)):
-            self.instance.close()
-            raise InputRefused(f"{description.path}: an output is not finite after initialisation: {initial}")
-        self._shift = shift
-        try:
+            initial = np.concatenate([np.zeros(0), *(p.gain * self._initial_values(p) + p.offset for p in outputs)])
+            if sampled:
+                initial[:] = 0.0
+            # adding -0.0 leaves every value unchanged, adding 0.0 would turn -0.0 into 0.0
+            shift = np.full(len(initial), -0.0)
+            for p in port_slots(outputs):
+                if p.port.port.name in (outputs_at_start or {}):
+                    shift[p.slots] = (outputs_at_start or {})[p.port.port.name] - initial[p.slots]
+            may = np.array([p.port.name in unread for p in outputs for _ in range(p.port.size)], dtype=np.int64)
+            if not np.all(np.isfinite(initial) | (may > 0)):
+                raise InputRefused(f"{description.path}: an output is not finite after initialisation: {initial}")
             self._stepping = (
                 ExchangeStepping(self.instance, solver or Solver(), inputs, outputs, shift)
                 if isinstance(self.instance, ModelExchange)
@@ -250,6 +215,7 @@ class FmuComponent(Component):
         except TwinError:
             self.instance.close()
             raise
+        self._shift = shift
         self._rewind: Rewind | None = None
         self._inside = FmuStates(self.instance, self._stepping)
         self._remembered = RememberedMessages(description.path.name, self.instance, self._stepping)

@@ -14,14 +14,7 @@ import numpy as np
 
 from twin.kernel.compiled.function import carray, copy, njit, pointer_to
 from twin.kernel.compiled.native import entry
-from twin.kernel.cosim.component import (
-    address_of,
-    bytes_at,
-    doubles_at,
-    restore_pieces,
-    save_pieces,
-    step_function,
-)
+from twin.kernel.cosim.component import address_of, bytes_at, copy_pieces, doubles_at, step_function
 from twin.kernel.cosim.port import record, state
 from twin.kernel.fmi.groups import (
     DISCARD_STATUS,
@@ -82,7 +75,6 @@ DISCARD_RECORD = record(
     discarded=state("i8"),  # number of discarded steps
     since=state("f8"),  # time of the first one (s)
 )
-"""Memory for the continuation of discarded steps."""
 
 LAST_SUCCESSFUL_TIME, TERMINATED_KIND = 2, 3
 """Values of fmi2StatusKind, and of fmiStatusKind for the first."""
@@ -184,11 +176,9 @@ def _reached_time(s, instance, here, goal, close):
 
 @njit(cache=True)
 def continue_discarded_step(address, ramp, do_step, instance, t, h, final):
-    """Continue an FMU's discarded step from `t` in parts until `t` + `h`; return 0 or a failure status.
+    """Continue a discarded step from `t` in parts until `t` + `h`; return 0 or a failure status.
 
-    Args:
-        address: address of a `DISCARD_RECORD`.
-        ramp: address of a `RAMP_RECORD` whose inputs are set for each part; 0 if all inputs are held.
+    `address` is of a `DISCARD_RECORD`, `ramp` of a `RAMP_RECORD` with inputs to set for each part (0 if all are held).
     """
     s = carray(_shorter_at(address), 1)[0]
     close = 1e-9 * h
@@ -286,14 +276,14 @@ def plain_step(m, t, h, u, y):
 @step_function(STATE_MEMORY)
 def save(m, t, h, u, y):
     status = call_pointer(m.get, (m.instance, m.cell))
-    save_pieces(m.piece_table, m.pieces)
+    copy_pieces(m.piece_table, m.pieces, 0, 0)
     return store_status(m.note, SAVE_FAILED + status) if status > 1 else 0
 
 
 @step_function(STATE_MEMORY)
 def restore(m, t, h, u, y):
     status = call_pointer(m.set, (m.instance, m.state))
-    restore_pieces(m.piece_table, m.pieces)
+    copy_pieces(m.piece_table, m.pieces, 0, 1)
     return store_status(m.note, RESTORE_FAILED + status) if status > 1 else 0
 
 
@@ -311,10 +301,9 @@ def due_step(address, t, h):
 
 @njit(cache=True)
 def fill_discrete_inputs(address, u):
-    """Convert the FMU's discrete inputs at address `u` to FMU values in their buffers.
+    """Convert the FMU's discrete inputs at address `u` into their buffers.
 
-    Returns:
-        (whether an unclocked input differs from the last value set, 0 or `INPUT_OUT_OF_RANGE`).
+    Return (whether an unclocked input differs from the last value set, 0 or `INPUT_OUT_OF_RANGE`).
     """
     e = carray(_events_at(address), 1)[0]
     groups = carray(groups_at(e.discrete_groups), e.discrete)
@@ -388,10 +377,9 @@ def _read_clocked_outputs(e, active):
 
 @njit(cache=True, error_model="numpy")
 def _plan_clocks(e, clocks, ticked, n, t):
-    """Plan the next ticks of an FMU's input clocks at time `t`, the beginning of step `n`, after `ticked` (bit mask).
+    """Plan the ticks of an FMU's clocks at time `t`, the beginning of step `n`; return 0 or a failure status.
 
-    Returns:
-        0 or a failure status.
+    `ticked` is a bit mask of the clocks.
     """
     answer = carray(_words_at(e.returned + _ANSWER_OFFSET), 1)
     interval = carray(doubles_at(e.returned + _VALUE_OFFSET), 1)
@@ -424,11 +412,8 @@ def _plan_clocks(e, clocks, ticked, n, t):
 def handle_events(address, n, t):
     """Enter an FMU's event mode at time `t`, handle the event and return to step mode; return 0 or a failure status.
 
-    Discrete inputs are taken from their buffers.
-
-    Args:
-        address: address of an `EVENTS_RECORD`.
-        n: step that begins at `t`, for clocks that tick; -1 if no input clock ticks.
+    Discrete inputs are taken from their buffers. `address` is of an `EVENTS_RECORD`, `n` the step that begins at `t`,
+    for clocks that tick; -1 if no input clock ticks.
     """
     e = carray(_events_at(address), 1)[0]
     clocks = carray(_clocks_at(e.clock_table), e.clocks)
@@ -450,11 +435,7 @@ def handle_events(address, n, t):
 
 @entry("int", "int", "int", "int", "double")
 def update_discrete_states(address, active, n, t):
-    """Update an FMU's discrete states in event mode until no update is needed, with the clocks `active` (bit mask).
-
-    Returns:
-        0 or a failure status.
-    """
+    """Update discrete states in event mode, with the clocks `active` (bit mask), until stable; return a status."""
     e = carray(_events_at(address), 1)[0]
     clocks = carray(_clocks_at(e.clock_table), e.clocks)
     flags, next_time = carray(bytes_at(e.returned), 16), carray(doubles_at(e.returned), 1)

@@ -30,7 +30,6 @@ CLOCK_ATTRIBUTES = ("intervalDecimal", "shiftDecimal", "intervalCounter", "shift
 FMI1_CAPABILITIES = (
     "canHandleVariableCommunicationStepSize", "canInterpolateInputs", "canBeInstantiatedOnlyOncePerProcess",
 )  # fmt: skip
-"""Capabilities of an FMI 1.0 slave."""
 MAX_DESCRIPTION_SIZE = 64 << 20
 """Maximum size of a model description (bytes); the largest real ones have tens of thousands of variables and 10 MB."""
 STRUCTURAL_PARAMETER = "structuralParameter"
@@ -88,9 +87,7 @@ def _complete_outputs(model: Any, root: Any) -> None:
 def feedthrough(description: "FmuDescription") -> tuple[dict[str, frozenset[str]], frozenset[str]]:
     """Return the direct feedthrough of each FMU output, by ModelStructure (FMI 2.0.4, 2.2.8; FMI 3.0, 2.4.8).
 
-    Returns:
-        (output name -> input names, outputs without declared dependencies). The latter are assumed to depend on all
-        inputs.
+    As (output name -> input names, outputs without declared dependencies, assumed to depend on all inputs).
     """
     inputs = frozenset(v.name for v in description.variables_of("input"))
     stated = {
@@ -110,16 +107,10 @@ def _is_true(text: str | None) -> bool:
 
 @dataclass(frozen=True)
 class FmuDescription:
-    """Description of an FMU that has passed all checks that need no binary.
+    """Description of an FMU that has passed all checks that need no binary; `model` is FMPy's.
 
-    Attributes:
-        sha256: digest of the file.
-        compiler: compiler that built its library on this machine; "" if the library came with the FMU.
-        version: FMI version 1, 2 or 3.
-        kind: kind in use.
-        identifier: model identifier, the name of the binary.
-        platforms: platform folders with binaries in the archive.
-        model: FMPy's description.
+    `version` is the FMI version 1, 2 or 3, and `identifier` the name of the binary. `platforms` are folders with
+    binaries in the archive. `compiler` built its library on this machine, "" if the library came with the FMU.
     """
 
     path: Path
@@ -161,9 +152,8 @@ class FmuDescription:
     def settings(self, values: Mapping[str, Value]) -> Sequence[Setting]:
         """Check and convert values of FMU parameters and inputs, to be set before initialisation.
 
-        Raises:
-            InputRefused: an unknown name, a variable that cannot be set, a value out of range or not finite, a wrong
-                number of values, or a missing file.
+        InputRefused: an unknown name, a variable that cannot be set, a value out of range or not finite, a wrong number
+        of values, or a missing file.
         """
         settable = {v.name: v for v in (*self.parameters, *self.variables_of("input"))}
         checked = []
@@ -193,11 +183,7 @@ class FmuDescription:
         return abilities.mightReturnEarlyFromDoStep or abilities.canReturnEarlyAfterIntermediateUpdate
 
     def with_sizes(self, values: Mapping[str, Value]) -> "FmuDescription":
-        """Return the FMU description with array sizes for the structural parameters among `values`.
-
-        Raises:
-            InputRefused: a structural parameter that is not an integer, an empty array, or too many values.
-        """
+        """Return the FMU description with array sizes for the structural parameters among `values`."""
         structure = {name: v.start for name, v in self.variables.items()}
         for name, value in values.items():
             if name in structure and self.variables[name].causality == STRUCTURAL_PARAMETER:
@@ -215,7 +201,6 @@ class FmuDescription:
 
     @property
     def needs_tool(self) -> bool:
-        """Whether the FMU needs its authoring tool: the attribute needsExecutionTool is true."""
         return bool(self.interface.needsExecutionTool)
 
     @property
@@ -245,13 +230,9 @@ _known: dict[tuple[Path, Kind | None], tuple[tuple[int, ...], FmuDescription]] =
 def described(file: Path, kind: Kind | None = None, lenient: bool = False) -> FmuDescription:
     """Read and check the description of an FMU; cached in the process while the file is unchanged.
 
-    Args:
-        kind: kind to use; None for co-simulation if offered, else model exchange.
-        lenient: whether it may need its authoring tool.
-
-    Raises:
-        InputRefused: not a complete zip file, an unreadable model description, no co-simulation of FMI 1.0, 2.0 or 3.0
-            and no model exchange of 2.0 or 3.0, not of that kind, needs a tool, or no binary for this platform.
+    Without a `kind` it is co-simulation if offered, else model exchange; if `lenient`, it may need its authoring tool.
+    InputRefused: not a complete zip file, an unreadable model description, neither co-simulation of FMI 1.0, 2.0 or 3.0
+    nor model exchange of 2.0 or 3.0, another kind, a tool needed, or no binary for this platform.
     """
     # unlike Path.is_file, os.path.isfile does not raise for a name that is too long
     if not os.path.isfile(file):
@@ -317,11 +298,7 @@ def _read_description(file: Path, kind: Kind | None) -> FmuDescription:
 
 
 def build_binary(file: Path) -> CompiledLibrary | None:
-    """Compile the sources of an FMU for this platform, if it lacks a binary for it; None if it has one.
-
-    Raises:
-        InputRefused: not an FMU, or as `compile_sources`.
-    """
+    """Compile the sources of an FMU for this platform, if it lacks a binary for it; None if it has one."""
     names = entries(file)
     model = _model(file, names)
     binary = _binary_entry(int(model.fmiVersion[0]), _interface(model, _choose_kind(file, model, None)).modelIdentifier)
@@ -352,14 +329,12 @@ def _choose_kind(file: Path, model: Any, kind: Kind | None) -> Kind:
 
 
 def _binary_entry(major: int, identifier: str) -> str:
-    """Return the path in the FMU's archive of the library for this platform."""
     return f"binaries/{_platform(major)}/{identifier}{sharedLibraryExtension}"
 
 
 def _missing_binary_phrase(
     file: Path, names: Collection[str], model: Any, binary: str, platforms: Sequence[str]
 ) -> str:
-    """Describe why an archive has no `binary` for this platform, and the remedy."""
     place = PurePosixPath(binary)
     others = [PurePosixPath(n).name for n in names if n.startswith(f"{place.parent}/") and not n.endswith("/")]
     if others:
@@ -374,7 +349,6 @@ def _missing_binary_phrase(
 
 
 def _platform(major: int) -> str:
-    """Return FMI's folder name for binaries of this platform."""
     if major < 3:
         return platform
     system = {"linux": "linux", "darwin": "darwin", "win32": "windows"}.get(sys.platform, sys.platform)
@@ -471,9 +445,6 @@ def refuse_step(description: FmuDescription, tick: float, substeps: int) -> None
 
     FMI 3.0 recommends multiples of fixedInternalStepSize; it is enforced only for FMUs that accept no variable step.
     The step size that FMI 1.0 and 2.0 state is only a preference.
-
-    Raises:
-        InputRefused: it has a fixed internal step, accepts no variable step, and the step is not a multiple of it.
     """
     # the solver chooses the steps of model exchange
     if description.kind == "model_exchange":

@@ -107,15 +107,9 @@ def react(m, t, h, u, y):
 class Integrator:
     """Solver of a model-exchange FMU's equations, with the memory of its compiled step.
 
-    Args:
-        model: instance in continuous-time mode.
-        solver: integration method.
-        tables: tables of `groups.GROUP_RECORD` of inputs and outputs; empty if the caller sets and reads them.
-        width: number of input values.
-
-    Attributes:
-        memory: (1,) of `SOLVER_MEMORY`.
-        block: contiguous memory that steps change, to be saved and restored as bytes.
+    The model is in continuous-time mode and has `width` input values. `tables` are `groups.GROUP_RECORD` of inputs and
+    outputs, empty if the caller sets and reads them. `memory` is (1,) of `SOLVER_MEMORY`. `block` is contiguous memory
+    that steps change, to be saved and restored as bytes.
     """
 
     def __init__(
@@ -190,11 +184,7 @@ class Integrator:
 
 
 def _allocate_block(sizes: dict[str, int], first: int = 0) -> tuple[np.ndarray, dict[str, int]]:
-    """Allocate named arrays in one memory block, each followed by a guard, after `first` other numbers.
-
-    Returns:
-        (block, offset of each array).
-    """
+    """Allocate named arrays, each with a guard behind it, after `first` other numbers; return (block, offsets)."""
     places, place = {}, first
     for name, size in sizes.items():
         places[name] = place
@@ -206,11 +196,14 @@ def _allocate_block(sizes: dict[str, int], first: int = 0) -> tuple[np.ndarray, 
     return block, places
 
 
+class _Fmi2(Fmi2):
+    slave = FMU2Exchange
+
+
 class _Fmi3(Fmi3):
     """Life cycle of an FMI 3.0 FMU for model exchange, which has its own function for instantiation."""
 
-    def __init__(self) -> None:
-        super().__init__(FMU3Exchange)
+    slave = FMU3Exchange
 
     def instantiate(self, instance: Instance) -> None:
         with instance.calling("InstantiateModelExchange"):
@@ -220,14 +213,12 @@ class _Fmi3(Fmi3):
 
 
 class ModelExchange(Instance):
-    """An FMU instance for model exchange; arguments, errors and attributes as of `Instance`.
+    """An FMU instance for model exchange, with numbers of states and event indicators; else as `Instance`.
 
-    Attributes:
-        states, indicators: number of continuous states and event indicators.
-        next_event: time event requested at the start (s); infinity without one.
+    `next_event` is the time event requested at the start (s); infinity without one.
     """
 
-    _standards: ClassVar[Mapping[int, Any]] = {2: Fmi2(FMU2Exchange), 3: _Fmi3()}
+    _standards: ClassVar[Mapping[int, Any]] = {2: _Fmi2(), 3: _Fmi3()}
     _integrator: Integrator | None = None
 
     def takes_ramp(self, variable: Variable) -> bool:
@@ -332,13 +323,7 @@ class ModelExchange(Instance):
                 )
 
     def _numbers(self, name: str, count: int) -> np.ndarray:
-        """Read a whole vector of the model, `count` doubles, with the FMU's function `Get{name}`.
-
-        Reject an FMU that writes more or fewer numbers, detected by guard values in and behind the buffer.
-
-        Args:
-            name: for example "ContinuousStates" or "EventIndicators".
-        """
+        """Read a vector of `count` doubles with the FMU's function `Get{name}`; refuse more or fewer (guard values)."""
         if count == 0:
             return np.zeros(0)
         values = np.full(count + GUARD_SIZE, GUARD_VALUE)
@@ -367,19 +352,7 @@ class ModelExchange(Instance):
 
 
 class ExchangeStepping(Stepping):
-    """Compiled step of a model-exchange FMU instance, which integrates its equations.
-
-    Args:
-        instance: FMU instance in continuous-time mode.
-        solver: integration method.
-        inputs, outputs, shift: see `Stepping`.
-
-    Attributes:
-        integrator: integrator of the instance, with the memory of the step.
-
-    Raises:
-        InputRefused: CVODE is not available for this platform.
-    """
+    """Compiled step of a model-exchange FMU instance, which integrates its equations; arguments as of `Stepping`."""
 
     def __init__(
         self,

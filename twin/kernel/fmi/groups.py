@@ -26,7 +26,6 @@ _ARGUMENT_TYPES = {
     "int": ("int64", "i32"),
     "byte": ("int64", "i8"),
 }
-"""Names of argument types in numba and LLVM."""
 INVALID_STATUS, STATUS_WIDTH = 15, 16
 """Code of an integer outside the statuses of every FMI version, and the bit at which that integer is stored."""
 SET_FAILED, DO_STEP_FAILED, GET_FAILED, TERMINATE_REQUEST, SAVE_FAILED, RESTORE_FAILED = 16, 32, 48, 64, 80, 96
@@ -60,7 +59,6 @@ STATUS_NAMES = {2: "Discard", 3: "Error", 4: "Fatal", PENDING_STATUS: "Pending"}
 MAX_HALVINGS = 10
 """Maximum number of successive halvings of a step without progress; beyond it, the FMU is stuck."""
 MAX_PARTS = 10_000
-"""Maximum number of parts of a step."""
 MAX_STALLS = 100
 """Maximum number of events and early returns at one time."""
 MAX_UPDATES = 1000
@@ -137,12 +135,9 @@ def announce_call(file: str, instance: str, function: str) -> Iterator[None]:
 def c_function(*kinds: str, returns: str = "status") -> Any:
     """Create a function (address, (arguments)) for compiled code that calls the C function at that address.
 
-    A status is returned as a 64-bit integer: 0 .. 5 unchanged, any other value as `INVALID_STATUS` plus the unsigned
-    status shifted left by `STATUS_WIDTH` bits.
-
-    Args:
-        kinds: argument types: "pointer", "double", "size" (64 bit), "int" (32 bit), "byte".
-        returns: "status", "int" or "pointer".
+    Arguments are "pointer", "double", "size" (64 bit), "int" (32 bit), "byte"; it returns "status", "int" or "pointer".
+    A status is a 64-bit integer: 0 .. 5 unchanged, any other value as `INVALID_STATUS` plus the unsigned status shifted
+    left by `STATUS_WIDTH` bits.
     """
 
     @intrinsic
@@ -225,13 +220,8 @@ def explain_status(
 ) -> str:
     """Describe a failure status of an FMU's step, as a verb phrase for an error message.
 
-    Args:
-        prefix: prefix of FMI function names.
-        functions: further function names by base of the status.
-        value: time or interval that the FMU returned with the failure (s).
-        clock: name of the clock concerned.
-        message: last message that the FMU logged.
-        other: status returned if it is outside the standard.
+    `functions` has further names by base of the status, `value` the time or interval (s) that the FMU returned with it,
+    `message` its last log message, `other` a status outside the standard.
     """
     step, update = f"{prefix}DoStep", f"{prefix}UpdateDiscreteStates"
     sentences = {
@@ -265,11 +255,7 @@ def store_status(note, status):
 
 @njit(cache=True)
 def _store(kind, buffer, j, value):
-    """Store a number in a buffer of FMI type `kind` at index `j`, rounded to the nearest integer for integer types.
-
-    Returns:
-        False if the value is outside the range of the type.
-    """
+    """Store a number at index `j` of a buffer of FMI type `kind`, integers rounded; return whether it is in range."""
     if kind < 2:
         most = FLOAT_32 if kind == 1 else FLOAT_64
         if not -most <= value <= most:
@@ -310,7 +296,6 @@ def _store(kind, buffer, j, value):
 
 @njit(cache=True)
 def _load(kind, buffer, j):
-    """Read the number at index `j` of a buffer of FMI type `kind`, as a double."""
     if kind == 0:
         return carray(_f64(buffer), j + 1)[j]
     if kind == 1:
@@ -342,7 +327,6 @@ def access(version, instance, g):
 
 @njit(cache=True, inline="always")
 def _scaling(g):
-    """Return the slots of a group's values, and the gains and offsets of their conversion."""
     return carray(_u64(g.slots), g.values), carray(_f64(g.gain), g.values), carray(_f64(g.offset), g.values)
 
 

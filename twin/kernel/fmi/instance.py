@@ -38,10 +38,8 @@ class Instance:
     Methods that call the FMU raise `ComponentFailed` if it refuses.
 
     Args:
-        folder: folder of the unpacked FMU.
         settings: values set before initialisation, in the FMU's units.
         inputs: values set in initialisation mode.
-        setup: data of the run.
 
     Attributes:
         handle: address of the FMU's own instance.
@@ -49,7 +47,6 @@ class Instance:
         missing: functions missing in its binary, accepted in lenient mode.
         clock: the first element is the tick being stepped.
         stepped: whether it is part of a simulation that has begun.
-        folder, settings, inputs, setup: the arguments.
         standard: implementation of its FMI version, a `lifecycle.Fmi2` or subclass.
         fmu: FMPy's instance; None once freed.
         ramp: `groups.RAMP_RECORD` of the inputs that are interpolated over a step.
@@ -117,7 +114,6 @@ class Instance:
         return sum(1 << n for n, reference in enumerate(self.clocks["reference"]) if reference in variable.clocks)
 
     def clock_name(self, index: int) -> str:
-        """Return the name of the FMU's clock number `index` in `clocks`."""
         return next((clock.name for clock in clocks(self.description)[index : index + 1]), "?")
 
     @property
@@ -136,11 +132,7 @@ class Instance:
             return list(self.standard.values(self.fmu, variable))
 
     def read_floats(self, variables: Sequence[Variable]) -> np.ndarray:
-        """Read the values of FMU variables as doubles in the FMU's units, arrays flattened.
-
-        Raises:
-            ComponentFailed: the FMU does not return them, or an integer exceeds `MAX_EXACT`.
-        """
+        """Read the values of FMU variables as doubles in the FMU's units, arrays flattened."""
         found = [(v, value) for v in variables for value in self.values(v)]
         for v, value in found:
             if isinstance(value, int) and abs(value) > MAX_EXACT:
@@ -148,11 +140,7 @@ class Instance:
         return np.array([value for _, value in found], dtype=float)
 
     def write(self, settings: Sequence[Setting]) -> None:
-        """Set FMU variables to values; the FMU decides whether that is allowed in its present mode.
-
-        Raises:
-            ComponentFailed: the FMU refuses, or a value is outside the range of its type.
-        """
+        """Set FMU variables to values; the FMU decides whether that is allowed in its present mode."""
         with self.calling("Set"):
             for variable, value in settings:
                 with self._variable_errors(variable):
@@ -165,7 +153,6 @@ class Instance:
 
     @contextmanager
     def _variable_errors(self, variable: Variable) -> Iterator[None]:
-        """Convert every exception of the block to a `ComponentFailed` error that names the FMU's `variable`."""
         try:
             yield
         except UnfitValue as problem:
@@ -184,7 +171,6 @@ class Instance:
         self._enter_mode(self.standard.leave)
 
     def reset(self) -> None:
-        """Reset the FMU instance by FMI's function and initialise it again."""
         self._call("Reset", self.fmu.reset)
         self._initialise()
 
@@ -213,7 +199,6 @@ class Instance:
         return [self.messages, self._pending_messages]
 
     def restore_messages(self, state: Any) -> None:
-        """Restore the record of the FMU's messages from a result of `message_state`."""
         self.messages, self._pending_messages = list(state[0]), [(int(tick), str(text)) for tick, text in state[1]]
 
     def pop_messages(self) -> list[tuple[int, str]]:

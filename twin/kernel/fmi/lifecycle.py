@@ -8,7 +8,7 @@ steps of the FMU.
 import math
 import os
 import weakref
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from ctypes import CFUNCTYPE, byref, c_char_p, c_double, c_int, c_uint
 from typing import Any, ClassVar
@@ -80,12 +80,7 @@ class _LazyFunctions(dict[str, Any]):
 
 
 class _LenientLibrary:
-    """An FMU's library with functions that return an error in place of missing ones.
-
-    Args:
-        library: ctypes library.
-        missing: list that collects the names of missing functions.
-    """
+    """An FMU's library with functions that return an error in place of missing ones."""
 
     def __init__(self, library: Any, missing: list[str]):
         self._library, self._missing = library, missing
@@ -144,13 +139,11 @@ class _SignatureCache:
         return status
 
     def _function(self, name: str) -> Any:
-        """Return the FMU library's function for FMPy's `name`, with its signature."""
         function = getattr(self.dll, self._exported_name(name))
         function.argnames, function.argtypes, function.restype = type(self)._signatures[name]
         return function
 
     def _exported_name(self, name: str) -> str:
-        """Return the name in the FMU's binary of FMPy's function `name`."""
         return name
 
     def _signature(self, name: str, function: Any) -> tuple[Any, ...]:
@@ -204,8 +197,7 @@ def _on_message_1(component: int | None, instance: bytes, status: int, category:
 def _on_message_2(environment: int | None, instance: bytes, status: int, category: bytes, message: bytes) -> None:
     """Forward a log message of an FMI 2.0 FMU to its instance.
 
-    FMPy's proxy calls the logger it was given last, for all FMUs: the logger has to serve all instances and outlive
-    them.
+    FMPy's proxy calls the logger given last, for all FMUs: it has to serve all instances and outlive them.
     """
     owner = _instances_2.get(environment or 0)
     if owner is not None:
@@ -213,14 +205,9 @@ def _on_message_2(environment: int | None, instance: bytes, status: int, categor
 
 
 class Fmi2:
-    """Life cycle of an FMI 2.0 FMU: calls that instantiate, initialise and free it.
+    """Life cycle of an FMI 2.0 FMU: calls that instantiate, initialise and free it; `slave` is FMPy's class."""
 
-    Args:
-        slave: FMPy's class of instances.
-    """
-
-    def __init__(self, slave: type = FMU2Drive):
-        self.slave = slave
+    slave: ClassVar[Callable[..., Any]] = FMU2Drive
 
     def load_binary(self, instance: Instance) -> Any:
         """Load the FMU's binary; return FMPy's instance. Missing functions are recorded in lenient mode."""
@@ -247,12 +234,10 @@ class Fmi2:
             instance.fmu.instantiate(callbacks=callbacks, loggingOn=False)
 
     def refusal_reason(self, instance: Instance) -> str:
-        """Return a possible reason why the FMU refused to be instantiated."""
         guid = instance.description.model.guid
         return f"the GUID {guid} in modelDescription.xml may not be the binary's own: export it again"
 
     def initialise(self, instance: Instance) -> None:
-        """Initialise the FMU and enter step mode."""
         self.enter(instance)
         self.leave(instance)
 
@@ -277,17 +262,14 @@ class Fmi2:
         return "Integer" if variable.type == "Enumeration" else variable.type
 
     def values(self, fmu: Any, variable: Variable) -> Any:
-        """Read the values of an FMU variable in its own unit, an array flattened."""
         return getattr(fmu, f"get{self.type_name(variable)}")([variable.reference])
 
     def free(self, instance: Instance) -> None:
-        """Free an FMU instance and its library."""
         with instance.calling("FreeInstance"):
             instance.fmu.freeInstance()
 
     @staticmethod
     def _callbacks(standard: Any, kind: str, logger: Any) -> Any:
-        """Make FMPy's callback structure for an FMU instance, with memory functions and `logger`."""
         from fmpy.logging import addLoggerProxy
 
         callbacks = getattr(standard, kind)()
@@ -301,8 +283,7 @@ class Fmi2:
 class Fmi1(Fmi2):
     """Life cycle of an FMI 1.0 FMU, which has neither a tolerance nor an initialisation mode."""
 
-    def __init__(self) -> None:
-        super().__init__(FMU1Drive)
+    slave = FMU1Drive
 
     def instantiate(self, instance: Instance) -> None:
         callbacks = self._callbacks(fmi1, "fmi1CallbackFunctions", _on_message_1)
@@ -333,8 +314,7 @@ class Fmi1(Fmi2):
 class Fmi3(Fmi2):
     """Life cycle of an FMI 3.0 FMU, with event mode and early return if the FMU supports them."""
 
-    def __init__(self, slave: type = FMU3Drive):
-        super().__init__(slave)
+    slave = FMU3Drive
 
     def instantiate(self, instance: Instance) -> None:
         fmu, abilities = instance.fmu, instance.description.model.coSimulation
@@ -428,11 +408,7 @@ def _leave_event_mode(instance: Instance) -> None:
 
 
 def clock_table(instance: Instance) -> np.ndarray:
-    """Make the table of an FMU instance's clocks in initialisation mode, (clocks,) of `cosim_step.CLOCK_RECORD`.
-
-    Raises:
-        InputRefused: a clock does not tick in whole steps.
-    """
+    """Make the table of an FMU instance's clocks in initialisation mode, (clocks,) of `cosim_step.CLOCK_RECORD`."""
     found = clocks(instance.description)
     table = np.zeros(len(found), dtype=CLOCK_RECORD)
     for row, clock in zip(table, found, strict=True):

@@ -19,6 +19,7 @@ import numpy as np
 from twin.kernel.compiled.function import carray, copy, njit, pointer_to
 from twin.kernel.compiled.native import Native
 from twin.kernel.cosim.component import address_of, doubles_at
+from twin.kernel.cosim.port import record
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.groups import (
     INVALID_STATUS,
@@ -37,6 +38,7 @@ from twin.kernel.fmi.groups import (
     update_3,
     values_of,
 )
+from twin.kernel.settings import fields_of_form
 
 EXCHANGE_FUNCTIONS = {
     "set_time": "SetTime",
@@ -56,40 +58,13 @@ EXCHANGE_FUNCTIONS_3 = EXCHANGE_FUNCTIONS | {
     "derivatives_of": "GetContinuousStateDerivatives",
     "update": "UpdateDiscreteStates",
 }
-"""FMI 3.0 function by field of `SOLVER_MEMORY`."""
-_SOLVER_FIELDS = ("cvode", "vector", "absolute", "cv_step", "cv_restart", "cv_stop", "cv_tolerances", "cv_values")
-_ARRAY_FIELDS = (
-    "x",
-    "began",
-    "k_1",
-    "k_2",
-    "k_3",
-    "k_4",
-    "z",
-    "z_before",
-    "scales",
-    "info",
-    "last_inputs",
-    "reached_at",
-)
-_COUNT_FIELDS = ("version", "instance", "note", "states", "size", "indicators", "width", "needs_completed", "final")
-_PORT_FIELDS = ("inputs", "input_groups", "outputs", "output_groups")
-_VARIABLE_FIELDS = ("fresh", "restart", "trouble", "element", "flag")
-
-SOLVER_MEMORY = np.dtype(
-    [
-        (name, "i8")
-        for name in (
-            *EXCHANGE_FUNCTIONS,
-            *_SOLVER_FIELDS,
-            *_ARRAY_FIELDS,
-            *_COUNT_FIELDS,
-            *_PORT_FIELDS,
-            *_VARIABLE_FIELDS,
-        )
-    ]
-    + [(name, "f8") for name in ("tolerance", "longest", "now", "reached", "next_event", "asked")],
-    align=True,
+SOLVER_MEMORY = record(
+    **dict.fromkeys(EXCHANGE_FUNCTIONS, "i8"),
+    **fields_of_form("i8", "cvode vector absolute cv_step cv_restart cv_stop cv_tolerances cv_values"),
+    **fields_of_form("i8", "x began k_1 k_2 k_3 k_4 z z_before scales info last_inputs reached_at"),
+    **fields_of_form("i8", "version instance note states size indicators width needs_completed final"),
+    **fields_of_form("i8", "inputs input_groups outputs output_groups fresh restart trouble element flag"),
+    **fields_of_form("f8", "tolerance longest now reached next_event asked"),
 )
 """Addresses of FMU functions, of CVODE functions (`cvode` is 0 for Runge-Kutta) and of arrays; counts; and
 
@@ -159,11 +134,7 @@ _C_POINTER, _C_DOUBLE, _C_INT, _C_INT64 = ctypes.c_void_p, ctypes.c_double, ctyp
 
 
 def exchange_error(m: Any, status: int, other: int) -> str:
-    """Describe a failed step of a model-exchange FMU as a verb phrase; "" if the status is not of model exchange alone.
-
-    Args:
-        other: status returned if it is outside the standard.
-    """
+    """Describe a failed model-exchange step (`other`: a status outside the standard); "" for other statuses."""
     prefix, names = f"fmi{m['version']}", EXCHANGE_FUNCTIONS if m["version"] == 2 else EXCHANGE_FUNCTIONS_3
     if status // 16 * 16 in CALL_STATUSES:
         name = list(names.values())[CALL_STATUSES.index(status // 16 * 16)]
@@ -202,11 +173,7 @@ def set_time_and_states(m, t, x):
 
 @njit(cache=True)
 def derivatives(m, t, x, dx):
-    """Compute the FMU's state derivatives at time `t` and the states at address `x`; return 0 or a failure status.
-
-    Args:
-        dx: address of the result, with a guard after it, see `GUARD_SIZE`.
-    """
+    """Compute derivatives `dx` (address, a guard behind) at time `t` and states `x`; return 0 or a failure status."""
     status = set_time_and_states(m, t, x)
     if status != 0:
         return status
@@ -225,11 +192,7 @@ def derivatives(m, t, x, dx):
 
 @njit(cache=True)
 def indicators(m, z):
-    """Compute the FMU's event indicators at the present time and states; return 0 or a failure status.
-
-    Args:
-        z: address of the result, with a guard after it, see `GUARD_SIZE`.
-    """
+    """Compute the event indicators `z` (address, a guard behind it) of the present; return 0 or a failure status."""
     status = call_doubles(m.indicators_of, (m.instance, z, m.indicators))
     if status > 1:
         return INDICATORS_FAILED + status
@@ -249,13 +212,7 @@ def time_tolerance(t):
 
 @njit(cache=True)
 def handle_event(m, u, jumped):
-    """Handle an event of a model-exchange FMU at the present time, in event mode; return 0 or a failure status.
-
-    Args:
-        m: record of `SOLVER_MEMORY`.
-        u: address of the inputs.
-        jumped: whether the inputs have to be set.
-    """
+    """Handle an event at the present time, in event mode, and set inputs (address `u`) if `jumped`; return a status."""
     status = call_instance(m.enter_event_mode, (m.instance,))
     if status > 1:
         return EVENT_MODE_FAILED + status
@@ -356,11 +313,9 @@ def complete_step(m):
 
 
 class Solver(NamedTuple):
-    """Choice of the integration method for the equations of a model-exchange FMU.
+    """Integration method of a model-exchange FMU: "cvode" with error control, for all equations, or "rk4".
 
-    Attributes:
-        method: "cvode" with error control, for all equations; "rk4" with a constant step.
-        step: maximum step of "rk4" (s); None for one per communication step.
+    "rk4" has a constant step of at most `step` (s); None for one per communication step.
     """
 
     method: Literal["cvode", "rk4"] = "cvode"
@@ -514,18 +469,8 @@ def integrate_cvode(m, stop):
 class Cvode:
     """A CVODE solver of SUNDIALS, with its state vector, Jacobian and root functions.
 
-    Args:
-        x: states, (n,), which the solver changes in place.
-        absolute: absolute tolerance of each state, (n,).
-        tolerance: relative tolerance.
-        indicators: number of event indicators.
-        user: address of the memory that is passed to the equations.
-
-    Attributes:
-        addresses: addresses for the compiled step, by field of `SOLVER_MEMORY`.
-
-    Raises:
-        InputRefused: FMPy includes no CVODE for this platform.
+    It changes the states `x` (n,) in place, with `absolute` tolerances (n,), and passes the memory at address `user` to
+    the equations. `addresses` are for the compiled step, by field of `SOLVER_MEMORY`.
     """
 
     def __init__(self, x: np.ndarray, absolute: np.ndarray, tolerance: float, indicators: int, user: int):
@@ -588,5 +533,4 @@ class Cvode:
 
 
 def _function(library: ctypes.CDLL, name: str, returns: Any, *kinds: Any) -> Any:
-    """Return a C function of `library` with the given result and argument types."""
     return ctypes.CFUNCTYPE(returns, *kinds)((name, library))

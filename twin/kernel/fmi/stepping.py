@@ -35,13 +35,7 @@ class FmuPort:
 
 @dataclass(frozen=True)
 class PortSlots:
-    """A port and the positions of its values among all inputs or outputs of its component.
-
-    Attributes:
-        port: port with its variable.
-        slots: indices of its values.
-        shift: offsets added to its values, (number of values,).
-    """
+    """A port, the positions of its values among all its component's, and offsets `shift` (values,) added to them."""
 
     port: FmuPort
     slots: np.ndarray
@@ -62,19 +56,10 @@ def with_end_ports(instance: Instance, inputs: Sequence[FmuPort]) -> list[FmuPor
 
 
 class Stepping:
-    """Compiled step of a co-simulation FMU instance, with its memory.
+    """Compiled step of a co-simulation FMU instance in step mode, with its memory.
 
-    Args:
-        instance: FMU instance in step mode.
-        inputs, outputs: its ports.
-        shift: offsets added to the output values (SI).
-
-    Attributes:
-        address: address of the step function.
-        memory: memory of the step, (1,).
-        inputs: ports, see `with_end_ports`.
-        outputs: ports with slots and shifts.
-        discard_reported: whether discarded steps have been reported.
+    `shift` are offsets added to the output values (SI). `inputs` are as of `with_end_ports`, `outputs` with slots and
+    shifts. `discard_reported`: discarded steps have been reported.
     """
 
     discard_reported = False
@@ -121,7 +106,6 @@ class Stepping:
         return "FMUstate" if self.instance.description.version == 2 else "FMUState"
 
     def explain(self, status: int) -> str:
-        """Describe a failure status of an FMU's step, as a verb phrase for an error message."""
         instance, note = self.instance, self.instance.note[0]
         message = f" ('{instance.messages[-1]}')" if instance.messages else ""
         if status == groups.INPUT_OUT_OF_RANGE:
@@ -166,7 +150,6 @@ class Stepping:
 
     @staticmethod
     def _port_at(ports: Sequence[PortSlots], slot: int) -> tuple[FmuPort, str]:
-        """Return the port of the component value at `slot`, and the value's name."""
         one = next(one for one in ports if slot in one.slots)
         name = one.port.variable.name
         return one.port, name if len(one.slots) == 1 else f"{name}[{slot - one.slots[0]}]"
@@ -199,7 +182,6 @@ class Stepping:
 
     @property
     def changing_arrays(self) -> list[np.ndarray]:
-        """Arrays that steps change outside the FMU's own state."""
         return [*self._moving, *self.instance.schedule]
 
     def pieces(self) -> dict[str, np.ndarray]:
@@ -208,11 +190,7 @@ class Stepping:
         return {f"memory_{number}": array for number, array in enumerate(self.changing_arrays, start=1)} | shorter
 
     def _group_table(self, ports: Iterable[PortSlots], access: str) -> np.ndarray:
-        """Make the table of groups of FMU variables; a group has one FMI type, one set of clocks and one call.
-
-        Args:
-            access: "Set" or "Get".
-        """
+        """Make the table of groups of FMU variables to "Set" or "Get": one FMI type, set of clocks and call each."""
         instance = self.instance
         members: dict[tuple[str, int], list[PortSlots]] = {}
         for p in ports:
@@ -310,7 +288,6 @@ class Stepping:
         return cosim_step.event_step.address, memory
 
     def _fill(self, m: Any, inputs: np.ndarray, outputs: np.ndarray) -> None:
-        """Fill in the fields of the step's memory that the general step and the step with events share."""
         returned = np.zeros(16, dtype=np.uint8)
         self._keep.append(returned)
         ramp = self.instance.ramp[0]

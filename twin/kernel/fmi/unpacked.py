@@ -70,22 +70,14 @@ Stamp = list[int]
 
 
 class CompiledLibrary(NamedTuple):
-    """An FMU's library compiled on this machine.
-
-    Attributes:
-        compiler: compiler with its version.
-    """
+    """An FMU's library compiled on this machine, and the compiler with its version."""
 
     library: Path
     compiler: str
 
 
 def compiled_library(digest: str, binary: str) -> CompiledLibrary | None:
-    """Return the library compiled for the FMU with SHA-256 `digest`; None if it was not compiled for this platform.
-
-    Args:
-        binary: path that the library would have in the archive.
-    """
+    """Return the library `binary` (path in the archive) compiled for the FMU with SHA-256 `digest`; None if missing."""
     folder = _compiled_folder(digest)
     library = folder / binary
     try:
@@ -122,11 +114,7 @@ def has_sources(names: Collection[str], sets: Sequence[Any]) -> bool:
 
 
 def install_compiled(digest: str, content: Path) -> None:
-    """Copy the library compiled for the FMU with SHA-256 `digest` to the folder `content` of its unpacked files.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Copy the FMU's (SHA-256 `digest`) compiled library to its unpacked files in `content`; OSError if that fails."""
     folder = _compiled_folder(digest)
     for library in folder.glob("binaries/*/*"):
         target = content / library.relative_to(folder)
@@ -140,14 +128,7 @@ def install_compiled(digest: str, content: Path) -> None:
 def compile_sources(file: Path, digest: str, model: Any, binary: str) -> CompiledLibrary:
     """Compile the sources of an FMU for this platform, unless they are compiled already.
 
-    Args:
-        file: FMU whose archive is checked.
-        digest: its SHA-256.
-        model: its description (FMPy's) with build configurations.
-        binary: path that its library would have in the archive.
-
-    Raises:
-        InputRefused: no sources with build instructions, no compiler, or a compile error.
+    `model` is FMPy's description with build configurations, `binary` the library's path in the archive.
     """
     done = compiled_library(digest, binary)
     if done is not None:
@@ -226,7 +207,6 @@ def _build_library(file: Path, sets: Sequence[Any], scratch: Path, binary: str) 
 
 
 def _macro_option(file: Path, name: str | None, value: str | None) -> str:
-    """Return the compiler option that defines a preprocessor macro."""
     if not MACRO_PATTERN.fullmatch(name or "") or not (value or "").isprintable():
         text = f"{name}={value}" if value else name
         raise InputRefused(
@@ -246,12 +226,7 @@ def _source_path(file: Path, scratch: Path, name: str | None) -> Path:
 
 
 def compiler_command(wanted: Path, plus: bool = False) -> list[str]:
-    """Return the command of the platform's C or C++ compiler, else of ziglang's.
-
-    Args:
-        wanted: file to be built, for the error message.
-        plus: whether it contains C++.
-    """
+    """Return the command of the platform's C (or C++, if `plus`) compiler, else of ziglang's, to build `wanted`."""
     for name in ("c++", "g++", "clang++") if plus else ("cc", "gcc", "clang"):
         found = shutil.which(name)
         if found:
@@ -263,7 +238,6 @@ def compiler_command(wanted: Path, plus: bool = False) -> list[str]:
 
 
 def zig_command() -> list[str]:
-    """Return the command that runs the C compiler of the package ziglang."""
     # -P: do not import modules from the folder in which it runs
     return [sys.executable, "-P", "-m", ZIG_PACKAGE]
 
@@ -277,20 +251,10 @@ def fmi_headers() -> Path:
 
 
 def call_compiler(command: Sequence[str], refused: str, late: str, folder: Path, end: float | None = None) -> str:
-    """Run a compiler with limits of time, memory and file size; kill all its processes afterwards.
+    """Run a compiler in `folder` with limits of time, memory and file size; return the beginning of its output.
 
-    Args:
-        command: compiler and arguments.
-        refused: beginning of the error message if compilation fails.
-        late: error message after a timeout.
-        folder: working directory, also for temporary files.
-        end: deadline (s, `time.monotonic`); None for `COMPILE_TIMEOUT` from now.
-
-    Returns:
-        The beginning of its output.
-
-    Raises:
-        InputRefused: compilation fails or exceeds the deadline.
+    All its processes are killed afterwards. Error messages begin with `refused`, or are `late` after the deadline `end`
+    (s, `time.monotonic`; None for `COMPILE_TIMEOUT` from now).
     """
     remaining = COMPILE_TIMEOUT if end is None else max(end - time.monotonic(), 0.0)
     limits = _LIMIT_SCRIPT.format(
@@ -361,10 +325,7 @@ def sealed_stamps(folder: Path) -> dict[str, Stamp]:
 
 
 def stamp_of(path: str) -> Stamp | None:
-    """Return the stamp of the file at `path`, its size, times and inode, to detect changes; None if missing.
-
-    Any write changes them, as ctime cannot be set back.
-    """
+    """Return the file's size, times (a write changes ctime, which cannot be set back) and inode; None if missing."""
     try:
         found = os.lstat(path)
     # ValueError: a damaged seal may contain any name
@@ -376,17 +337,10 @@ def stamp_of(path: str) -> Stamp | None:
 
 
 def unpacked(file: Path, digest: str) -> Path:
-    """Unpack an FMU to its cache folder, or verify and repair the existing one; return the folder of its content.
+    """Unpack an FMU with the SHA-256 `digest` to its cache folder, or verify and repair that; return its folder.
 
-    The folder is shared by all runs and created atomically. Changed or missing files are extracted again, with a
-    warning on stderr.
-
-    Args:
-        file: FMU, checked by `archive.entries`.
-        digest: its `archive.sha256`.
-
-    Raises:
-        InputRefused: the folder cannot be written.
+    The FMU has been checked by `archive.entries`. The folder is shared by all runs and created atomically. Changed or
+    missing files are extracted again, with a warning on stderr. InputRefused: it cannot be written.
     """
     home = cache_folder(UNPACKED_FOLDER)
     folder = home / digest
@@ -461,7 +415,6 @@ def _entries(file: Path, digest: str) -> dict[str, zipfile.ZipInfo]:
 
 
 def _is_same(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> bool:
-    """Whether the file at `path` has the same content as the `entry` of `archive`."""
     try:
         with archive.open(entry) as wanted, path.open("rb") as there:
             while chunk := wanted.read(_CHUNK_SIZE):

@@ -58,7 +58,6 @@ FMI2_KINDS = FMI1_KINDS | {"Boolean": "Int32"}
 FMI3_KINDS = {"Enumeration": "Int64"}
 """Representation of FMI 1.0 to 3.0 types as `NUMERIC_TYPES`; a Boolean has four bytes in FMI 2.0, one in the others."""
 TEXT_TYPES = ("String", "Binary")
-"""Types whose values are not numbers."""
 MAX_ARRAY_VALUES = 1_000_000
 """Maximum number of values of an array; a malicious file could otherwise exhaust the memory."""
 FILE_PREFIX = "file:"
@@ -100,9 +99,8 @@ def conversion(unit: str, definitions: list[Any]) -> Conversion | None:
 def si_conversion(unit: str, stated: Conversion | None = None) -> Conversion | None:
     """Return the conversion of `unit` to SI, by its definition in a file or its well-known name; None if unknown.
 
-    Args:
-        stated: definition in a file, used unless the well-known unit counts turns. A definition as 1/s with the factor
-            1/60 (rpm as a frequency) or 1 (Hz) counts turns.
+    A `stated` definition is used unless the well-known unit counts turns. A definition as 1/s with the factor 1/60 (rpm
+    as a frequency) or 1 (Hz) counts turns.
     """
     if unit.strip() in ENERGY_UNITS:
         return None
@@ -129,15 +127,7 @@ def enumeration_items(variable: Any) -> dict[str, float]:
 
 
 def parse_value(where: str, items: Mapping[str, float], value: float | str) -> float:
-    """Convert an FMU variable's value to a number; for an enumeration, also the name of an item.
-
-    Args:
-        where: prefix of error messages.
-        items: item name -> value; empty for variables that are not enumerations.
-
-    Raises:
-        InputRefused: not an item, or a name for a variable without items.
-    """
+    """Convert an FMU variable's value to a number; the name of an item counts if there are `items` (an enumeration)."""
     if not items:
         if isinstance(value, str):
             raise InputRefused(f"{where} = {value!r}: expected a number; this variable has no values with names")
@@ -159,7 +149,6 @@ class Variable:
     Attributes:
         name, causality, description, type, variability: as in the model description; type is "Real" or "Float64".
         kind: index into `NUMERIC_TYPES`; -1 for text or binary.
-        reference: FMI value reference.
         size: number of values, > 1 for an array.
         unit: unit in the model description, "" if not stated.
         conversion: conversion to SI; None if the unit is unknown or not stated.
@@ -223,11 +212,7 @@ class Variable:
         return next((name for name, number in self.items.items() if number == value), f"{value:g}")
 
     def with_size(self, file: Path, structure: Mapping[str, float]) -> "Variable":
-        """Return the array variable with the size that values of structural parameters give.
-
-        Raises:
-            InputRefused: an empty array, or too many values.
-        """
+        """Return the array variable with the size that values of structural parameters give."""
         if not self.dimensions:
             return self
         sizes = [structure[d] if isinstance(d, str) else d for d in self.dimensions]
@@ -323,12 +308,7 @@ def to_json(value: float | np.ndarray | list[str] | list[bytes]) -> Any:
 
 
 def setting_value(file: Path, variable: Variable, value: Value) -> float | np.ndarray | list[str] | list[bytes]:
-    """Check and convert the user's `value` for the FMU variable `variable` of the FMU `file`.
-
-    Raises:
-        InputRefused: wrong type, out of range, not an enumeration item, not finite, wrong number of values, or no such
-            file.
-    """
+    """Check and convert the user's `value` for the FMU variable `variable` of the FMU `file`."""
     where = f"{file}: parameter {variable.name}"
     given: list[float | str] = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else [value]
     if len(given) not in (1, variable.size):
@@ -375,11 +355,7 @@ def _bytes(where: str, text: str) -> bytes:
 
 
 def given_values(value: ParameterValue, where: str) -> list[float] | list[str]:
-    """Return the values of a parameter in an SSP parameter set, at least one.
-
-    Raises:
-        InputRefused: binary, empty, or text that would name a file of this machine.
-    """
+    """Return the values of a parameter in an SSP parameter set, at least one."""
     if value.type == "Binary" or not value.values:
         what = "binary, which is not supported" if value.values else "given no value"
         raise InputRefused(f"{where}: {value.name} is {what}")

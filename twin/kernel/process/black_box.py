@@ -45,8 +45,7 @@ class Call(NamedTuple):
 class BlackBox:
     """The supervisor's end of a black box: memory shared with a process, which notes its present activity there.
 
-    Attributes:
-        fd: file descriptor of the nameless file, to be inherited by the writer.
+    The writer inherits `fd`, the descriptor of the nameless file.
     """
 
     def __init__(self) -> None:
@@ -93,11 +92,7 @@ class BlackBox:
 
 
 class Announcer:
-    """The writer's end of a black box: a process notes its FMI calls and compile time there for its supervisor.
-
-    Args:
-        fd: file descriptor of the nameless file.
-    """
+    """The writer's end of a black box: a process notes its FMI calls and compile time there for its supervisor."""
 
     def __init__(self, fd: int):
         self._memory = mmap.mmap(fd, INPUTS_AT)
@@ -105,7 +100,7 @@ class Announcer:
         self._compiled, self._since = 0, 0
 
     def compiling(self, begins: bool) -> None:
-        """Note in the black box that a compilation begins or ends. Fits `Hooks.compiling`. Fits `Hooks.compiling`."""
+        """Note in the black box that a compilation begins or ends. Fits `Hooks.compiling`."""
         now = time.monotonic_ns()
         if not begins:
             self._compiled += now - self._since
@@ -113,10 +108,7 @@ class Announcer:
         _COMPILED_STRUCT.pack_into(self._memory, _COMPILED_AT, self._compiled, self._since)
 
     def announce_call(self, file: str, instance: str, function: str) -> None:
-        """Note in the black box that an FMI call begins, or with an empty `function` that it has returned.
-
-        Fits `Hooks.fmi_call`.
-        """
+        """Note in the black box that an FMI call begins, or has returned (empty `function`); for `Hooks.fmi_call`."""
         _CALL_STRUCT.pack_into(self._memory, _CALL_AT, self._number, 0)
         if function:
             text = b"\0".join(part.encode()[:_MAX_PART_BYTES] for part in (file, instance, function))
@@ -130,12 +122,9 @@ class Announcer:
 class Participant:
     """A component of the running job, as described to the supervisor for error messages.
 
-    Attributes:
-        name, label: see `twin.kernel.cosim.component.Component`.
-        function: FMI function that its step calls; empty if it is no FMU.
-        sampled: whether it is evaluated at a time rather than stepped over an interval.
-        first_input: index of its first input in the black box.
-        inputs: (name, size, unit) of each input port.
+    `function` is the FMI function that its step calls, empty for other components. `sampled`: evaluated at a time
+    rather than stepped over an interval. `first_input` is an index in the black box. `inputs` are (name, size, unit) of
+    each port.
     """
 
     name: str
@@ -157,12 +146,9 @@ class SteppedSystem:
 
 @dataclass
 class JobAccount:
-    """A supervisor's knowledge of a job, collected from its reports.
+    """A supervisor's knowledge of a job from its reports: the system `stepped`, None while components are created.
 
-    Attributes:
-        stepped: the system being stepped; None while components are being created.
-        unstepped: phrase for the time in error messages while `stepped` is None.
-        helpers: component -> pid of its process.
+    `unstepped` is a phrase for that time, `helpers` the pid of the process of each component that has one.
     """
 
     stepped: SteppedSystem | None = None
@@ -191,16 +177,11 @@ class JobAccount:
         return self.stepped.components[component] if self.stepped and component >= 0 else None
 
     def is_busy(self, box: BlackBox) -> bool:
-        """Whether a call into a component is running."""
         return box.call() is not None or self.stepping(box) is not None
 
 
 def exit_phrase(status: int) -> str:
-    """Describe how a process ended that its supervisor did not end, as a verb phrase.
-
-    Args:
-        status: exit status, negative for a signal.
-    """
+    """Describe how a process ended by itself, from its exit `status` (negative for a signal), as a verb phrase."""
     if status >= 0:
         return f"ended the process with exit({status})"
     name = signal.Signals(-status).name
@@ -216,11 +197,8 @@ def failure_message(
 ) -> str:
     """Compose the error message about a failed job: file, instance, function, simulated time, last inputs, remedy.
 
-    Args:
-        manner: verb phrase for the end, see `exit_phrase`.
-        remedy: advice as a sentence; None for the advice about a broken FMU.
-        printed: last output of the job.
-        culprit: name of the component to blame; None for the one at work.
+    `manner` is as from `exit_phrase`, `remedy` a sentence (None: about a broken FMU), `printed` the job's last output,
+    `culprit` the component to blame (None: the one at work).
     """
     participant = _find_participant(account.stepped, culprit) if culprit else account.stepping(box)
     if (call := box.call()) and not culprit:

@@ -35,10 +35,7 @@ def module_command(module: str, *arguments: str) -> list[str]:
 
 
 def environment() -> dict[str, str]:
-    """Return this process's environment variables, extended so that another Python finds this package.
-
-    Scripts started by a drive otherwise search Python's default folders.
-    """
+    """Return this process's environment variables, extended so that Python scripts of a drive find this package."""
     home = str(Path(twin.__file__).parents[1])
     inherited = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     # an empty entry is the current folder; site-packages are found anyway, and not before the standard library
@@ -49,13 +46,8 @@ def environment() -> dict[str, str]:
 class GuardedProcess:
     """A process in its own process group that runs one job; a context manager that ends the whole group.
 
-    Args:
-        job: function name, see `load_function`; the process imports it immediately and calls it after `start`.
-        helper: whether it belongs to a guarded process, the current one, and so shares its group and output.
-
-    Attributes:
-        box: black box of the process.
-        gone: whether it will send no more reports.
+    It imports the job (see `load_function`) immediately and calls it after `start`. A `helper` of a guarded process,
+    the current one, shares its group and output. Once `gone`, it sends no more reports.
     """
 
     def __init__(self, job: str, helper: bool = False):
@@ -87,7 +79,6 @@ class GuardedProcess:
         self.close()
 
     def close(self) -> None:
-        """End the guarded process and release its pipes and black box."""
         self.end()
         self._selector.close()
         for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
@@ -103,7 +94,6 @@ class GuardedProcess:
 
     @property
     def processor_time(self) -> float:
-        """Processor time of the guarded process (s); infinity where the system does not report it."""
         return processor_time(self.pid)
 
     @property
@@ -123,7 +113,6 @@ class GuardedProcess:
 
     @property
     def memory(self) -> int:
-        """Resident memory of the guarded process (bytes); 0 where the system does not report it."""
         return resident_memory(self.pid)
 
     @property
@@ -168,10 +157,7 @@ class GuardedProcess:
         return os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
     def end(self) -> int:
-        """End the guarded process and all processes it started; return its exit status, negative for a signal.
-
-        A process that has ended by itself keeps its exit status.
-        """
+        """End the process and all that it started; return its exit status (its own if ended), negative for a signal."""
         if not self.has_exit_status:
             # not reaped yet, so its pid cannot have been reused
             with contextlib.suppress(ProcessLookupError, PermissionError):

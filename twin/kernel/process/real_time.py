@@ -24,14 +24,9 @@ def real_time(first: int | None = None) -> Iterator[str]:
     """Run the block with real-time priority, locked memory and a short interpreter switch interval.
 
     Existing threads get SCHED_FIFO priority RECEIVER_PRIORITY, the calling thread WORKER_PRIORITY; threads started
-    later stay SCHED_OTHER. The thread `first` shares the caller's processor: while `first` has work the caller does not
-    run, and so does not compete for the GIL.
-
-    Args:
-        first: native id of the Python thread that must not wait for the caller; None for no such thread.
-
-    Yields:
-        Reasons why real time is not permitted, as a sentence; "" if it is.
+    later stay SCHED_OTHER. The Python thread with the native id `first`, if any, shares the caller's processor: while
+    it has work the caller does not run, and so does not compete for the GIL. Yields why real time is not permitted, as
+    a sentence; "" if it is.
     """
     turns = sys.getswitchinterval()
     refused = [why for why in (_raise_priority(), _lock_memory()) if why]

@@ -21,12 +21,7 @@ Show = Callable[[int, int], None]
 
 
 class ProcessProxy(Component):
-    """A component of this process that represents a component that runs in another process.
-
-    Attributes:
-        function: its `called_function`.
-        code: names of its compiled functions that are part of twin.
-    """
+    """A component that represents one in another process: its `called_function`, names of its compiled functions."""
 
     function: str
     code: tuple[str, ...] = ()
@@ -42,25 +37,16 @@ def called_function(component: Component) -> str:
 
 
 class Reporter(Protocol):
-    """Interface through which a job reports to its parent.
-
-    A job is a function `job(reporter, **arguments)`; its notes and its result must be JSON-serialisable.
-    """
+    """Interface for reports of a job `job(reporter, **arguments)` to its parent; notes and result become JSON."""
 
     def note(self, **facts: Any) -> None:
-        """Send a note to the parent process, whose listener receives the keyword arguments as a dictionary.
-
-        A job may send notes while it runs, for example `note(serving=address)`. Its result is sent separately.
-        """
+        """Send a note, such as `note(serving=address)`, as a dictionary to the parent's listener while the job runs."""
 
     def loading(self) -> None:
         """Report that components are being created from now on; a failure is then an input error."""
 
     def progress(self, done: int, total: int) -> None:
-        """Report that `done` of `total` ticks of the simulation are complete.
-
-        Fits `twin.robot.run.execute(progress=...)`.
-        """
+        """Report that `done` of `total` ticks are complete; fits `twin.robot.run.execute(progress=...)`."""
 
     def helper(self, name: str, pid: int) -> None:
         """Report that the component `name` runs in a process of its own, `pid`."""
@@ -88,14 +74,9 @@ def own_reporter() -> Reporter:
 
 
 class PipeReporter:
-    """Reporter of a job in a guarded process: writes a JSON object per line, and the black box.
+    """Reporter of a job in a guarded process: writes a JSON object per line, and the `BlackBox` of descriptor `box`.
 
-    Args:
-        pipe: pipe to the supervisor.
-        box: file descriptor of the supervisor's `BlackBox`.
-
-    Attributes:
-        announcer: writer of calls to the black box; dozens per run are too many to wake the supervisor for.
+    `announcer` writes calls to the black box; dozens per run are too many to wake the supervisor for.
     """
 
     def __init__(self, pipe: TextIO, box: int):
@@ -103,7 +84,6 @@ class PipeReporter:
         self.announcer = Announcer(box)
 
     def report(self, kind: str, content: Any) -> None:
-        """Send one report to the supervisor, as a line of JSON."""
         self._pipe.write(json.dumps({kind: content}) + "\n")
         self._pipe.flush()
 
@@ -114,10 +94,7 @@ class PipeReporter:
         self.report("loading", None)
 
     def stepping(self, system: System, last_tick: int) -> SimulationMemory:
-        """Report to the supervisor that `system` is being stepped, and return its memory in the black box.
-
-        Fits `Hooks.memory`.
-        """
+        """Report that `system` is stepped; return its memory in the black box. Fits `Hooks.memory`."""
         # never shrink: earlier simulations, which may be resumed, still map it
         size = max(os.fstat(self.box).st_size, INPUTS_AT + 8 * max(1, system.inputs_width))
         os.ftruncate(self.box, size)

@@ -47,12 +47,9 @@ MISMATCH_REASONS = {
 
 
 def identity(system: System, packages: Mapping[str, str], files: Mapping[str, str], made_of: Any) -> dict[str, Any]:
-    """Return the identity of a run, to match saved states: everything that the bits of its signals depend on.
+    """Return a run's identity, to match saved states: all that its bits depend on.
 
-    Args:
-        packages: package -> version.
-        files: name -> SHA-256 of FMUs and other files.
-        made_of: JSON-serialisable definition of the system.
+    Versions of `packages`, SHA-256 of FMUs and other `files`, and the system's JSON-serialisable definition `made_of`.
     """
     digest = hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()
     # the name of a compiled function contains a digest of all the source that it reaches
@@ -81,11 +78,7 @@ def machine_identity(packages: Mapping[str, str]) -> dict[str, Any]:
 
 
 def refuse_other_run(saved: SavedState, own: Mapping[str, Any], where: str) -> None:
-    """Refuse a saved state of another run than `own`, an `identity` or a part of it.
-
-    Raises:
-        InputRefused: names the difference, and advises to run the experiment again.
-    """
+    """Refuse a saved state of another run than `own`, an `identity` or a part of it."""
     its = saved.about.get("of")
     if not isinstance(its, dict):
         raise InputRefused(f"{where}: the state does not identify its run")
@@ -110,17 +103,10 @@ def _time_text(saved: SavedState) -> str:
 
 
 class RunStates(Observer):
-    """Observer that saves states of a run to its recording.
+    """Observer that saves states of a run, whose `identity` is `about`, to its recording; a tick lasts `tick` s.
 
-    Args:
-        ticks: ticks of the states to save.
-        last_tick: last tick of the run.
-        tick: duration of a tick (s).
-        about: `identity` of the run.
-        lasting: observers whose state is saved too, by name; the recorder is one of them.
-
-    Attributes:
-        lacking: why no states are saved, as a sentence; "" if they are.
+    The state of observers in `lasting` is saved too; the recorder is one of them. `lacking` is the reason why no states
+    are saved, as a sentence; "" if they are.
     """
 
     def __init__(
@@ -185,13 +171,7 @@ class RunStates(Observer):
 
 
 def state_ticks(times: Iterable[float], every: float | None, tick: float, last: int) -> set[int]:
-    """Compute the ticks of a run for which its state is saved, from times and an interval.
-
-    Args:
-        times: times of states (s).
-        every: interval of further states (s); None for no more.
-        tick: duration of a tick (s).
-    """
+    """Compute the ticks at which a run's state is saved: at `times` (s), and at the interval `every` (s), if any."""
     ticks = {round(t / tick) for t in times}
     if every is not None:
         step = max(1, round(every / tick))
@@ -200,11 +180,7 @@ def state_ticks(times: Iterable[float], every: float | None, tick: float, last: 
 
 
 class Interrupts(Observer):
-    """Observer that ends a run between two slices on Ctrl-C or SIGTERM; the second signal ends it immediately.
-
-    Attributes:
-        enough: whether the run was interrupted.
-    """
+    """Observer that ends a run between two slices on Ctrl-C or SIGTERM; the second signal ends it immediately."""
 
     enough = False
 
@@ -248,14 +224,8 @@ def simulate_saving(
 ) -> SimulationResult:
     """Simulate a recorded system and save its states on the way, the last one even if the run is interrupted.
 
-    Args:
-        assembly, last_tick, observers, slice_ticks, lasting, adopt, timed: see `simulate`.
-        states: observer that saves states; this function writes the last one.
-        saved: state to restore; None to begin at tick 0.
-
-    Raises:
-        InputRefused: the state is of another system.
-        KeyboardInterrupt: Ctrl-C or SIGTERM, once the state is saved.
+    Arguments are as of `simulate`; `states` saves states but the last one, `saved` is the one to restore, None for tick
+    0. InputRefused: it is of another system. KeyboardInterrupt: Ctrl-C or SIGTERM, once the state is saved.
     """
     interrupts = Interrupts()
     with interrupts.listening():
@@ -272,14 +242,10 @@ def simulate_saving(
 
 @dataclass(frozen=True)
 class StoredState:
-    """A saved state of a run, found in a recording.
+    """An encoded state of a run at a simulation time (s), found in a recording.
 
-    Attributes:
-        recording: path of the recording.
-        time: simulation time of the state (s).
-        content: encoded state.
-        branch: whether the restored run may have another experiment.
-        alive: components of that experiment that are missing in the state, by name; they are at its tick.
+    `branch`: the restored run may have another experiment. `alive` are its components, at that tick, that the state
+    lacks.
     """
 
     recording: Path
@@ -290,16 +256,11 @@ class StoredState:
 
     @property
     def saved_state(self) -> SavedState:
-        """The saved state of the system, decoded from `content`."""
         return SavedState.from_bytes(self.content, str(self.recording))
 
 
 def split_time(text: str) -> tuple[str, float | None]:
-    """Split a path with a time, `results/NAME/latest@31.5`, into path and time (s); the time is None without an @.
-
-    Raises:
-        InputRefused: the text after the @ is no time.
-    """
+    """Split a path with a time, `results/NAME/latest@31.5`, into path and time (s); the time is None without an @."""
     path, at, time = text.rpartition("@")
     if not at:
         return text, None

@@ -22,11 +22,8 @@ Answer = TypeVar("Answer")
 class WarmProcess:
     """A guarded process that stays alive to do one job again and again; a context manager that ends it.
 
-    A crash, a hang or a limit costs the answer in progress and nothing else: the next one gets a fresh process.
-
-    Args:
-        job: function name, see `load_function`.
-        check: called at least every `POLL_INTERVAL` s during an answer; an exception gives the answer up.
+    A crash, a hang or a limit costs the answer in progress and nothing else: the next one gets a fresh process. `check`
+    is called at least every `POLL_INTERVAL` s during an answer; an exception gives the answer up.
     """
 
     def __init__(self, job: str, limits: JobLimits, check: Callable[[], None] = lambda: None):
@@ -58,9 +55,7 @@ class WarmProcess:
     def answer(self, arguments: Mapping[str, Any]) -> Any:
         """Run the job in the warm process, called with `arguments`, and return its result, through JSON.
 
-        Raises:
-            JobFailure, JobLoadFailure: the process ended, or exceeded a limit.
-            TwinError: the job raised one, or `check` did.
+        JobFailure, JobLoadFailure: the process ended, or exceeded a limit. TwinError: the job or `check` raised one.
         """
         if self._process is None:
             self._process = process_for(self._job)
@@ -88,12 +83,9 @@ class _PoolShutdown(Exception):
 
 
 class Pool(Generic[Task, Answer]):
-    """Pool of reusable guarded processes, one thread each; a context manager that ends them, busy or not.
+    """Pool of `count` reusable guarded processes, one thread each; a context manager that ends them, busy or not.
 
-    Args:
-        count: number of processes; each starts with its first task.
-        job, limits: see `WarmProcess`.
-        ask: function of a process and a task that returns the answer.
+    A process starts with its first task; `ask` returns the answer to a task.
     """
 
     def __init__(self, count: int, job: str, limits: JobLimits, ask: Callable[[WarmProcess, Task], Answer]):
@@ -115,11 +107,7 @@ class Pool(Generic[Task, Answer]):
             thread.join()
 
     def answers(self, tasks: Sequence[Task]) -> Generator[list[tuple[Task, Answer]]]:
-        """Distribute tasks to the processes; yield each task once, with its answer, in batches as they complete.
-
-        Raises:
-            Exception: `ask` raised it; earlier answers are yielded first.
-        """
+        """Distribute tasks; yield each with its answer, in batches as they complete, then raise `ask`'s exception."""
         done: queue.SimpleQueue[Any] = queue.SimpleQueue()
         for task in tasks:
             self._waiting.put((task, done))

@@ -60,14 +60,7 @@ def _link_latest(latest: Path, run: str | None) -> None:
 
 
 def claim_run_folder(folder: Path) -> Path:
-    """Create the folder `folder`, given by the user, as the folder of one run, and return it.
-
-    A name like those of `create_run_folder` gets a marker file: the folder belongs to the user, and every command keeps
-    it.
-
-    Raises:
-        InputRefused: it exists and is not empty, or cannot be created.
-    """
+    """Create the user's `folder` for one run; a name like `create_run_folder`'s gets a marker: all commands keep it."""
     with translate_disk_errors(folder, "cannot be read", RecordingError):
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise RecordingError(f"{folder}: exists and is not empty; name a new folder, a run is never overwritten")
@@ -78,11 +71,7 @@ def claim_run_folder(folder: Path) -> Path:
 
 
 def recording_in(path: Path) -> Path:
-    """Find the recording at `path`: an .mcap file, a run's folder, or an experiment's folder (its latest run).
-
-    Raises:
-        RecordingError: no recording found.
-    """
+    """Find the recording at `path`, .mcap file or folder (of an experiment: its latest run), else RecordingError."""
     # Path.is_file raises for a name that is too long
     if os.path.isfile(path):
         return path
@@ -101,14 +90,7 @@ def recording_in(path: Path) -> Path:
 
 
 class Output:
-    """An append-only file that is renamed to `path` when it is complete.
-
-    Attributes:
-        path: path of the finished file.
-        partial: path of the growing file.
-        size: bytes appended.
-        crc: CRC-32 of all appended bytes.
-    """
+    """An append-only file, `partial` while it grows, renamed to `path` when complete; bytes appended, their CRC-32."""
 
     def __init__(self, path: Path) -> None:
         """Create the partial file for appending, replacing an existing one."""
@@ -122,16 +104,13 @@ class Output:
 
     @property
     def closed(self) -> bool:
-        """Whether the file is closed, so that nothing can be appended."""
         return self._file is None
 
     def append(self, data: bytes | Iterable[bytes]) -> int:
-        """Append all of `data` to the file, in one piece or several, or nothing; return its offset in the file.
+        """Append all of `data`, in one piece or several, or nothing, to the file; return its offset in the file.
 
-        After a failure or an interrupt, the file is truncated to its size before `data` and closed.
-
-        Raises:
-            RecordingWriteError: disk full, file too large, or file closed.
+        After RecordingWriteError (disk full, too large, closed) or an interrupt, the file has its former size and is
+        closed.
         """
         if self._file is None:
             raise RecordingWriteError(f"{self.partial}: the recording is closed")
@@ -159,11 +138,7 @@ class Output:
             self._file = None
 
     def publish(self) -> None:
-        """Finish the file: sync it to disk, close it and rename it to its final name, replacing a file of that name.
-
-        Raises:
-            RecordingWriteError: the disk or the folder refuses; the partial file stays.
-        """
+        """Sync, close and rename the file to its final name, replacing any; RecordingWriteError leaves the partial."""
         if self._file is None:
             raise RecordingWriteError(f"{self.partial}: the recording is closed")
         with translate_disk_errors(self.partial, "cannot be finished", RecordingWriteError):

@@ -85,17 +85,11 @@ BLANK_BITS = 0x7FC0_7749
 
 @dataclass(frozen=True)
 class Field:
-    """A recorded quantity of a topic: name, size, type, unit and meaning.
+    """A recorded quantity of a topic, of `size` values in every message (1 for a scalar).
 
-    Attributes:
-        name: a letter, then letters, digits and underscores: `tip_speed`.
-        size: number of values in every message; 1 for a scalar.
-        kind: `double`, `int` (64 bit, for counts) or `bool`.
-        unit: SI unit, `1` for pure numbers.
-        meaning: one-sentence description for readers of the file, with frame and sign.
-
-    Raises:
-        ValueError: invalid name, size or kind.
+    The name is a letter, then letters, digits and underscores: `tip_speed`. `int` has 64 bits, for counts. The unit is
+    SI, `1` for pure numbers, and the meaning a sentence for readers of the file, with frame and sign. ValueError:
+    invalid name, size or kind.
     """
 
     name: str
@@ -115,15 +109,10 @@ class Field:
 
 @dataclass(frozen=True)
 class Topic:
-    """A recorded stream of messages of one type at one period.
+    """A recorded stream of messages of one type, one every `period` ticks.
 
-    Attributes:
-        name: topic name without the leading slash that it has in the file: `plant`, `drive/1`.
-        fields: fields in the order of the columns of the rows passed to `Writer.write`.
-        period: ticks from one message to the next; 1 is every tick.
-
-    Raises:
-        ValueError: invalid name or period, no fields, or two fields of one name.
+    The name, `plant`, `drive/1`, lacks the leading slash that it has in the file; fields have the order of the columns
+    of rows passed to `Writer.write`. ValueError: invalid name or period, no fields, or two of one name.
     """
 
     name: str
@@ -148,10 +137,8 @@ def check_stream(name: str, period: int) -> None:
 def message_names(topics: Sequence[Topic]) -> list[str]:
     """Return the full protobuf message names of `topics`, in their order; topics with the same fields share one.
 
-    `drive/1` to `drive/3` become `twin.Drive`; a drive with other fields becomes `twin.Drive2`.
-
-    Raises:
-        ValueError: two topics of different fields have names that differ only in case or slashes.
+    `drive/1` to `drive/3` become `twin.Drive`; a drive with other fields becomes `twin.Drive2`. ValueError: two topics
+    of different fields have names that differ only in case or slashes.
     """
     names: dict[tuple[Field, ...], str] = {}
     for topic in topics:
@@ -195,9 +182,8 @@ def _json_name(name: str) -> str:
 def descriptor_fields(message_name: str, descriptors: bytes) -> tuple[Field, ...]:
     """Read the fields of message type `message_name` from its FileDescriptorSet; inverse of `descriptor_set`.
 
-    Raises:
-        ValueError: not a message type of numeric fields with units, meanings and sizes. google.protobuf's DecodeError
-            is not a ValueError and is passed on.
+    ValueError: not a message type of numeric fields with units, meanings and sizes. google.protobuf's DecodeError is
+    not a ValueError and is passed on.
     """
     files = FileDescriptorSet.FromString(descriptors).file
     messages = {f"{f.package}.{m.name}": (f, i, m) for f in files for i, m in enumerate(f.message_type)}
@@ -275,11 +261,9 @@ def _fill(records, count, stride, template, times, first_sequence, rows, step, p
 
 
 class Filling:
-    """A template of a message record and the places of its numbers, to write many records from rows quickly.
+    """A message record (stride,) uint8 without sequence number, times and numbers, and their places (see the module).
 
-    Args:
-        template: one record, (stride,) uint8, without sequence number, times and numbers.
-        places: table of places, see the module's docstring.
+    Writes many records from rows quickly.
     """
 
     def __init__(self, template: np.ndarray, places: np.ndarray):
@@ -289,10 +273,7 @@ class Filling:
     def fill(self, to: int, times: int, count: int, first_sequence: int, rows: np.ndarray) -> bool:
         """Write `count` message records at address `to`; return whether all values for integer fields are integers.
 
-        Args:
-            times: address of the log times, ns, (count,) int64.
-            first_sequence: sequence number of the first record.
-            rows: (count, columns) float64.
+        `times` is the address of the log times, ns, (count,) int64. `rows` is (count, columns) float64.
         """
         if rows.dtype != FLOAT_TYPE or rows.strides[1] != FLOAT_BYTES or rows.strides[0] % FLOAT_BYTES:
             rows = np.ascontiguousarray(rows, dtype=FLOAT_TYPE)
@@ -309,12 +290,7 @@ class Filling:
         return Filling, (self.template, self._places)
 
     def records(self, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray | None:
-        """Make a message record per element of `times`, (n, stride) uint8; None if an integer field gets a fraction.
-
-        Args:
-            times: ns, (n,) integer.
-            first_sequence, rows: see `fill`.
-        """
+        """Make a record per element of `times` (ns), (n, stride) uint8; None if an integer field gets a fraction."""
         times = np.ascontiguousarray(times, dtype=np.int64)
         records = np.empty((len(times), len(self.template)), dtype=np.uint8)
         whole = self.fill(records.ctypes.data, times.ctypes.data, len(times), first_sequence, rows)
@@ -323,13 +299,11 @@ class Filling:
 
 @dataclass(frozen=True)
 class MessageLayout:
-    """Layout of the bytes of one topic's message records in the file.
+    """Layout of the bytes of one topic's message records in the file, each `stride` bytes long.
 
-    Attributes:
-        filling: record with every number zero: tags, lengths and channel only.
-        framing: slices of the record without numbers, equal in every message of the topic.
-        head: structured dtype of the record's front, itemsize = stride.
-        values: structured dtype of the record's numbers, one name per field, itemsize = stride.
+    `filling` is a record with every number zero: tags, lengths and channel only. `framing` are slices without numbers,
+    equal in every message. `head` and `values` are structured dtypes, of the front and of the numbers, one name per
+    field.
     """
 
     filling: Filling
@@ -390,13 +364,8 @@ def message_records(
 ) -> np.ndarray:
     """Encode `rows` of numbers as MCAP message records, (n, stride) uint8.
 
-    Args:
-        fields: fields of the topic, in the order of the columns.
-        times: log and publish times, ns, (n,) integer.
-        rows: (n, sum of sizes) float64; a bool is true if not zero.
-
-    Raises:
-        ValueError: a value of an `int` field is no integer (NaN included).
+    `times` are log and publish times, ns, (n,) integer; rows (n, sum of sizes) float64, columns in the order of the
+    fields, a bool true if not zero. ValueError: a value of an `int` field is no integer (NaN included).
     """
     records = layout.filling.records(times, first_sequence, rows)
     if records is None:
@@ -433,14 +402,11 @@ def blank_value(column: int) -> float:
 
 @dataclass(frozen=True)
 class MessageForm:
-    """A recorded stream of messages of a viewer's type that differ only in times and numbers.
+    """A recorded stream, one every `period` ticks, of a viewer's messages that differ only in times and numbers.
 
-    Attributes:
-        name: topic name without the leading slash that it has in the file: `tf`.
-        example: message with `blank_value(0)`, `blank_value(1)`, ... in fields of type double, each at least once, and
-            `BLANK_TIME`.
-        width: number of columns of the rows passed to `Writer.write`.
-        period: ticks from one message to the next.
+    The name, `tf`, lacks the leading slash that it has in the file. `example` has `blank_value(0)`, `blank_value(1)`,
+    ... in fields of type double, each at least once, and `BLANK_TIME`. `width` is the number of columns of rows passed
+    to `Writer.write`.
     """
 
     name: str
@@ -453,11 +419,7 @@ class MessageForm:
 
 
 def form_filling(channel: int, form: MessageForm) -> Filling:
-    """Make the record template of a message form on channel number `channel`, with the places of its numbers.
-
-    Raises:
-        ValueError: a column has no blank in the example.
-    """
+    """Make the record template of a message form on channel `channel`; ValueError if a column has no blank."""
     body = form.example.SerializeToString(deterministic=True)
     doubles = [struct.pack("<d", blank_value(column)) for column in range(form.width)]
     found = [(column, place) for column, double in enumerate(doubles) for place in _places(body, double)]
@@ -472,19 +434,13 @@ def form_filling(channel: int, form: MessageForm) -> Filling:
 
 
 def form_records(filling: Filling, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray:
-    """Encode `rows` of numbers as message records of a form, (n, stride) uint8.
-
-    Args:
-        times: log times, ns, (n,) integer, from 0 to 2^34 s.
-        rows: (n, width) float64.
-    """
+    """Encode `rows` (n, width) float64 as records of a form, (n, stride) uint8; times are 0 to 2^34 s, in ns."""
     records = filling.records(times, first_sequence, rows)
     assert records is not None, "there are no integers"
     return records
 
 
 def _places(body: bytes, wanted: bytes) -> Iterator[int]:
-    """Yield the offsets of all occurrences of the bytes `wanted` in a message `body`, ascending."""
     place = body.find(wanted)
     while place >= 0:
         yield place

@@ -39,12 +39,7 @@ TIME_ROUNDING = 2
 
 @dataclass(frozen=True, repr=False)
 class Stream:
-    """All messages of one numeric topic of a recording.
-
-    Attributes:
-        fields: fields in the order of the file's schema.
-        records: (n, layout.stride) uint8.
-    """
+    """All messages of one numeric topic: fields in the order of the schema, records (n, layout.stride) uint8."""
 
     fields: tuple[Field, ...]
     layout: MessageLayout
@@ -137,12 +132,9 @@ class Recording:
 
 
 def read_metadata(path: Path) -> dict[str, dict[str, str]]:
-    """Read the metadata of a recording's file, finished or not: name -> key -> text.
+    """Read the metadata of a recording's file, finished or not: name -> key -> text; else RecordingError.
 
     Skips samples and checks nothing, unlike `read`.
-
-    Raises:
-        RecordingError: it cannot be read, or is no MCAP file.
     """
     found: dict[str, dict[str, str]] = {}
     for body in _record_bodies(path, Opcode.METADATA):
@@ -157,10 +149,7 @@ def read_metadata(path: Path) -> dict[str, dict[str, str]]:
 def attachments(path: Path, media_type: str) -> Iterator[tuple[float, bytes]]:
     """Yield (simulation time in s, content) of each complete attachment of `media_type` in a recording.
 
-    The file may be unfinished. Skips samples, and attachments that fail their CRC.
-
-    Raises:
-        RecordingError: it cannot be read, or is no MCAP file.
+    The file may be unfinished. Skips samples, and attachments that fail their CRC. RecordingError: it cannot be read.
     """
     for body in _record_bodies(path, Opcode.ATTACHMENT):
         try:
@@ -281,7 +270,6 @@ def _read_file(path: Path, file: BinaryIO, salvage: bool) -> Recording:
 
 
 def _reach_text(streams: dict[str, Stream]) -> str:
-    """Describe how far the messages of `streams` reach in time, as half a sentence."""
     ends = [stream.head["log_time"][-1] for stream in streams.values() if len(stream.records)]
     if not ends:
         return "up to its metadata, no chunk is complete"

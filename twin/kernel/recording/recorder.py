@@ -41,16 +41,7 @@ def versions() -> dict[str, str]:
 
 
 class RowBlock:
-    """A block of output rows of consecutive ticks, and the events during them, collected for writing.
-
-    Args:
-        size: maximum number of rows.
-        width: numbers in a row.
-        first: tick of the first row.
-
-    Attributes:
-        first: tick of the first row of the current block.
-    """
+    """A block of output rows of consecutive ticks from `first`, and the events during them, collected for writing."""
 
     def __init__(self, size: int, width: int, first: int = 0):
         self.first = first
@@ -107,13 +98,9 @@ class EventLog(Observer):
 class Recorder(EventLog):
     """Observer that records a run: passes rows, drawings and events to `writer`, block by block.
 
-    Args:
-        streams: topics of `writer` with their columns.
-        drawings: function of the tick of a block's first row and its rows; returns (topic, tick, rows) of each drawing.
-        changed: function that returns the first manual change during the run, "" before it; recorded as metadata.
-
-    Attributes:
-        writing: wall time spent recording (s).
+    `drawings` returns (topic, tick, rows) of each drawing for the tick of a block's first row and its rows. `changed`
+    returns the first manual change during the run, "" before it, recorded as metadata. `writing` is the wall time spent
+    (s).
     """
 
     def __init__(
@@ -154,7 +141,6 @@ class Recorder(EventLog):
         self.writing += time.perf_counter() - began
 
     def finish(self) -> Path:
-        """Finish the recording of the run and return its path."""
         began = time.perf_counter()
         recording = self._writer.finish()
         self.writing += time.perf_counter() - began

@@ -42,7 +42,6 @@ from twin.kernel.recording.messages import (
 from twin.kernel.recording.summary import decompress_chunk, encode_record, unpack_allowance
 
 PLACE_COLUMN, OPCODE_COLUMN, LENGTH_COLUMN, CHANNEL_COLUMN, SEQUENCE_COLUMN = range(5)
-"""Columns of a table of records."""
 LENGTH_AT, CHANNEL_AT = HEAD_OFFSETS[1:3]
 MESSAGE_FRONT = HEAD_SIZE - RECORD_PREFIX
 """Bytes of channel, sequence number and two times, the minimum length of a message."""
@@ -69,7 +68,6 @@ MISSING_MESSAGES = "a chunk before which messages are missing"
 
 @njit(cache=True)
 def _little_endian(content, at, size):
-    """Read an integer of `size` bytes, least significant byte first."""
     number = np.int64(0)
     for k in range(size):
         number |= np.int64(content[at + k]) << 8 * k
@@ -112,17 +110,10 @@ def _gather(content, table, count, channel, first_sequence, stride, gathered):
 
 
 class Records:
-    """The MCAP records in the content of a chunk, located in a table.
+    """The MCAP records in a chunk's content, which must outlive this object, located in a table.
 
-    Args:
-        content: bytes of the chunk, which must outlive this object.
-
-    Attributes:
-        table: (n, 5) int64: offset, opcode, length of the body, and channel and sequence number of messages; -1 for
-            other records.
-
-    Raises:
-        ValueError: the last record is longer than the remaining bytes.
+    `table` is (n, 5) int64: offset, opcode, length of the body, and channel and sequence number of messages, -1 for
+    other records. ValueError: the last record is longer than the remaining bytes.
     """
 
     def __init__(self, content: bytes):
@@ -138,12 +129,7 @@ class Records:
     def channel_records(self, channel: int, count: int, first_sequence: int, stride: int) -> np.ndarray | None:
         """Return the `count` records of `channel`, (count, stride) uint8; None if their sequence numbers are wrong.
 
-        Args:
-            first_sequence: expected sequence number of the first record; the rest must count up from it.
-            stride: bytes of each record.
-
-        Raises:
-            ValueError: a record has another length.
+        These must count up from `first_sequence`. ValueError: a record has not `stride` bytes.
         """
         content, table = self._addresses
         records = np.empty((count, stride), dtype=np.uint8)
@@ -155,12 +141,7 @@ class Records:
 
 @dataclass(eq=False)
 class Damage(Exception):
-    """Error that bytes of a recording differ from those written.
-
-    Attributes:
-        position: offset in the file of the damaged record.
-        reason: reason as half a sentence.
-    """
+    """Error that bytes of a recording differ from those written: offset of the record, reason as half a sentence."""
 
     position: int
     reason: str
@@ -168,13 +149,10 @@ class Damage(Exception):
 
 @dataclass
 class Scan:
-    """Sequential reader of the MCAP records of a recording's file, which checks them.
+    """Sequential reader of the MCAP records of a recording's file, which checks them; `position` is their end so far.
 
-    Attributes:
-        complete: after `contents` is exhausted, whether the file has the ending of a finished one.
-        rest: bytes at the end that make no complete record.
-        statistics: statistics record of the file; None if missing or if the file is not complete.
-        position: offset of the end of the records read so far.
+    After `contents`, `complete` is true if the file has the ending of a finished one. `rest` are bytes at the end that
+    make no complete record. `statistics` is the file's record, None if missing or not complete.
     """
 
     file: BinaryIO
@@ -184,12 +162,9 @@ class Scan:
     position: int = 0
 
     def contents(self) -> Iterator[tuple[int, bytes | Metadata]]:
-        """Yield the checked contents of chunks and the metadata records of the file, each with its record's offset.
+        """Yield checked chunks' contents and metadata records, each with its offset, to the end of an unfinished file.
 
-        Ends where an unfinished file ends.
-
-        Raises:
-            Damage: the first record that fails a check.
+        Damage: the first record that fails a check.
         """
         size = self.file.seek(0, os.SEEK_END)
         self.file.seek(max(0, size - len(MCAP0_MAGIC)))
@@ -263,7 +238,6 @@ def _parse_record(position: int, opcode: int, body: bytes) -> Header | Chunk | M
 
 
 def _chunk_content(position: int, chunk: Chunk, most: int) -> bytes:
-    """Decompress an MCAP chunk to at most `most` bytes and check its CRC."""
     try:
         if chunk.compression != "zstd":
             raise ValueError("a chunk that is not compressed by zstd")
@@ -277,14 +251,7 @@ def _chunk_content(position: int, chunk: Chunk, most: int) -> bytes:
 
 @dataclass(frozen=True)
 class Event:
-    """An event of a recorded run: time, level, text and component.
-
-    Attributes:
-        time: simulation time, s.
-        level: `debug`, `info`, `warning`, `error` or `fatal`.
-        text: description in one sentence.
-        name: component in which the event happened.
-    """
+    """An event of a run at a simulation time, s: `debug`, `info`, `warning`, `error` or `fatal`; text and component."""
 
     time: float
     level: str
@@ -294,12 +261,7 @@ class Event:
 
 @dataclass
 class TopicSeries:
-    """The messages of one numeric topic, collected in the order of the file.
-
-    Attributes:
-        fields: fields of the file's schema.
-        parts: records of each chunk, (n, layout.stride) uint8.
-    """
+    """The messages of a numeric topic, in the order of the file: `parts` of each chunk, (n, layout.stride) uint8."""
 
     fields: tuple[Field, ...]
     layout: MessageLayout
@@ -318,11 +280,8 @@ class TopicSeries:
 class Contents:
     """Schemas, channels and messages of a recording's chunks read so far.
 
-    Attributes:
-        series: numeric topics by channel number.
-        topics: topic names, without the leading slash, by channel number.
-        foreign: channel numbers of topics for viewers and other senders, whose messages are skipped.
-        counts: messages so far by channel number, i.e. the next expected sequence number.
+    Topics are by channel number and without the leading slash; messages of `foreign` channels, for viewers and other
+    senders, are skipped. `counts` are messages so far, i.e. the next expected sequence number.
     """
 
     series: dict[int, TopicSeries] = field(default_factory=dict)
@@ -336,9 +295,8 @@ class Contents:
     def add(self, position: int, content: bytes) -> None:
         """Add all messages of a chunk, which begins at `position` in the file; add nothing if a check fails.
 
-        Raises:
-            Damage: messages that precede the chunk's are missing.
-            ValueError, KeyError, struct.error, McapError, DecodeError: not in the layout of `Writer`.
+        Damage: messages that precede the chunk's are missing. ValueError, KeyError, struct.error, McapError,
+        DecodeError: not in the layout of `Writer`.
         """
         records = Records(content)
         is_message = records.table[:, CHANNEL_COLUMN] >= 0
@@ -371,11 +329,7 @@ class Contents:
         self.counts.update(counts)
 
     def _read_declarations(self, position: int, content: bytes, others: np.ndarray) -> dict[int, int]:
-        """Register the schemas and channels in a chunk; return channel number -> offset of its declaration.
-
-        Args:
-            others: records that are no messages.
-        """
+        """Register the schemas and channels among the records `others`; return channel number -> its offset."""
         declared: dict[int, int] = {}
         for record in others:
             place, opcode, length = record[: LENGTH_COLUMN + 1].tolist()
@@ -411,7 +365,6 @@ class Contents:
 
 
 def _body(content: bytes, record: np.ndarray) -> bytes:
-    """Return the body of an MCAP record, given by its row in the table of `content`."""
     place, _, length = record[: LENGTH_COLUMN + 1].tolist()
     return content[place + RECORD_PREFIX : place + RECORD_PREFIX + length]
 

@@ -61,15 +61,11 @@ def unpack_allowance(size: int) -> int:
 
 
 def decompress_chunk(chunk: Chunk, most: int, largest: int = MAX_CHUNK_BYTES) -> bytes:
-    """Decompress an MCAP chunk of any writer: at most `most` bytes, compressed by zstd, LZ4 or uncompressed.
+    """Decompress an MCAP chunk of any writer (zstd, LZ4, uncompressed), at most `most` and `largest` bytes.
 
-    Args:
-        most: remaining allowance of the file (bytes).
-        largest: maximum size of one chunk (bytes).
-
-    Raises:
-        ValueError: the declared size exceeds a limit or differs from the decompressed size (no more than the declared
-            size is ever in memory), the data does not decompress, or the compression is unsupported.
+    `most` is the remaining allowance of the file, `largest` the limit of one chunk. ValueError: the declared size
+    exceeds a limit or differs from the decompressed size (no more than the declared size is ever in memory), the data
+    does not decompress, or the compression is unsupported.
     """
     size = chunk.uncompressed_size
     if size > most:
@@ -111,13 +107,7 @@ def encode_record(record: McapRecord) -> bytes:
 class Summary:
     """Records of an MCAP file's summary section (indexes and statistics) for everything written so far.
 
-    Attributes:
-        schemas: schemas written in the first chunk.
-        channels: channels written in the first chunk.
-        chunks: index record of each chunk.
-        metadata: index record of each metadata record.
-        attachments: index record of each attachment.
-        message_counts: messages by channel number.
+    Schemas and channels are written in the first chunk; messages are counted by channel number.
     """
 
     schemas: list[Schema]
@@ -166,11 +156,9 @@ class Summary:
         )
 
     def ending(self, data_size: int, data_crc: int) -> Iterator[bytes]:
-        """Yield the records that end an MCAP file: DataEnd, summary section, footer and magic.
+        """Yield the records that end an MCAP file, after `data_size` bytes with the CRC-32 `data_crc`.
 
-        Args:
-            data_size: bytes before them.
-            data_crc: CRC-32 of these bytes.
+        They are DataEnd, summary section, footer and magic.
         """
         data_end = encode_record(DataEnd(data_crc))
         yield data_end

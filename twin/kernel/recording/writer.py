@@ -67,12 +67,9 @@ class BlockShape(NamedTuple):
 
 
 class PendingMessages:
-    """Message records of several channels that wait for a chunk, block after block in one memory.
+    """Message records of several channels that wait for a chunk, block after block, `size` bytes at `address`.
 
-    Attributes:
-        times: log times of each block, ns, (n,) int64, ascending.
-        size: bytes of all records.
-        address: address of the first record.
+    `times` has the log times of each block, ns, (n,) int64, ascending.
     """
 
     def __init__(self) -> None:
@@ -113,14 +110,9 @@ class PendingMessages:
 class Piece:
     """Consecutive message records that become one chunk. Times are relative to the first of the merged messages.
 
-    Times are relative to the first of the merged messages.
-
-    Attributes:
-        content: range of its bytes in the merged records.
-        start, end: log times of the first and of the last message, ns.
-        entries: log times and offsets in this piece, channel after channel, (n, 2) uint64.
-        channels: (channel number, front of its index record, range of its entries in the bytes of `entries`) of each
-            channel.
+    `content` is the range of its bytes in the merged records. `start` and `end` are log times of the first and the last
+    message, ns. `entries` are log times and offsets in this piece, channel after channel, (n, 2) uint64. `channels` are
+    (number, front of its index record, range of its entries in the bytes of `entries`).
     """
 
     content: slice
@@ -130,26 +122,20 @@ class Piece:
     channels: tuple[tuple[int, bytes, slice], ...]
 
     def indexes(self, begin: int, shift: int) -> dict[int, bytes]:
-        """Encode the MCAP MessageIndex records of the chunk, by channel.
+        """Encode the MCAP MessageIndex records of the chunk, by channel; messages follow `shift` bytes of the chunk.
 
-        Built from arrays: mcap's own MessageIndex packs entry by entry and would dominate the cost of writing.
-
-        Args:
-            begin: log time of the first of the merged messages, ns.
-            shift: bytes of the chunk before the messages.
+        `begin` is the log time of the first of the merged messages, ns. Built from arrays: mcap's own MessageIndex
+        packs entry by entry and would dominate the cost of writing.
         """
         own = (self.entries + np.array([begin, shift], dtype="<u8")).tobytes()
         return {channel: head + own[where] for channel, head, where in self.channels}
 
 
 class MergedRecords(NamedTuple):
-    """Message records of several channels merged in order of time.
+    """Message records (bytes,) uint8 of several channels in order of time; `begin` is the first log time, ns.
 
-    Attributes:
-        begin: log time of the first message, ns.
-        content: the records, one after another, (bytes,) uint8.
-        pieces: chunks of at most about `MAX_CHUNK_BYTES` bytes, cut between ticks, so that every topic of a truncated
-            file ends at the same tick.
+    Pieces are chunks of at most about `MAX_CHUNK_BYTES` bytes, cut between ticks, so that every topic of a truncated
+    file ends at the same tick.
     """
 
     begin: int
@@ -182,14 +168,9 @@ def _scatter(content, source, blocks, number, places, messages):
 
 
 class _MergeOrder:
-    """Order of message records of some blocks, merged by time.
+    """Order of message records of some blocks, merged by time, in `pieces` as of `MergedRecords`.
 
-    Args:
-        places: destination offset of each record, block after block, (n,) int64.
-
-    Attributes:
-        pieces: see `MergedRecords`.
-        table: arguments of `_scatter`.
+    `places` are the destination offsets, block after block, (n,) int64. `table` are arguments of `_scatter`.
     """
 
     def __init__(self, shapes: Sequence[BlockShape], places: np.ndarray, pieces: tuple[Piece, ...]):
@@ -233,14 +214,9 @@ def _piece(since: np.ndarray, channels: np.ndarray, offsets: np.ndarray) -> Piec
 
 @dataclass
 class OpenTopic:
-    """State of a topic while a recording is written.
+    """State of a topic, with a message every `period` ticks of `width` numbers, while a recording is written.
 
-    Attributes:
-        period: ticks from one message to the next.
-        width: numbers in a row.
-        filling: template of its Message records.
-        fields: fields of a numeric topic; empty for a form.
-        next_tick: earliest tick of its next row.
+    `fields` are empty for a form. `next_tick` is the earliest of its next row.
     """
 
     channel: int
@@ -261,12 +237,9 @@ class OpenTopic:
 
 @dataclass(frozen=True)
 class ForeignTopic:
-    """A recorded topic whose messages are stored unchanged, in the encoding of their sender.
+    """A recorded topic (`/joint_states`) whose messages are stored unchanged, in the encoding of their sender (`cdr`).
 
-    Attributes:
-        name: topic name as received: `/joint_states`.
-        encoding: message encoding: `cdr`.
-        type_name, schema_encoding, definition: message type: `sensor_msgs/msg/JointState`, `ros2msg`, its text.
+    `type_name`, `schema_encoding`, `definition`: `sensor_msgs/msg/JointState`, `ros2msg`, its text.
     """
 
     name: str
@@ -293,20 +266,12 @@ class Writer:
         forms: Sequence[MessageForm] = (),
         others: Sequence[ForeignTopic] = (),
     ) -> None:
-        """Create the partial file of a recording and write its header and metadata.
+        """Create the partial file of a recording and write its header and metadata: name -> key -> text.
 
-        Args:
-            path: path of the finished file.
-            topics: numeric topics; `/events` is added to them.
-            tick: duration of one tick, s.
-            metadata: name -> key -> text, readable in any MCAP tool.
-            forms: topics for viewers, which `read` skips.
-            others: topics of messages recorded unchanged, which `read` skips too.
-
-        Raises:
-            RecordingWriteError: the file cannot be created or the disk is full.
-            ValueError: two topics of one name, or of different fields whose names give one message type; a form whose
-                example lacks a column.
+        `/events` is added to the numeric topics. A tick lasts `tick` s. `forms` are topics for viewers, `others` have
+        messages recorded unchanged; `read` skips both. RecordingWriteError: the file cannot be created or the disk is
+        full. ValueError: two topics of one name, or of different fields whose names give one message type, or a form
+        whose example lacks a column.
         """
         streams: list[Topic | MessageForm] = [*topics, *forms]
         names = [stream.name for stream in streams]
@@ -333,20 +298,11 @@ class Writer:
             self.write_metadata(name, entries)
 
     def write(self, topic: str, first_tick: int, rows: np.ndarray) -> None:
-        """Record rows of numbers of `topic`, for the evenly spaced ticks from `first_tick` on.
+        """Record rows of numbers of `topic`, for the evenly spaced ticks from `first_tick` on, after its rows so far.
 
         Call once per topic and slice of time; a second call for a topic begins the next slice. Messages of a slice are
-        in order of time across topics, at equal times in the order of the calls.
-
-        Args:
-            topic: name of a declared topic.
-            first_tick: tick of the first row; after the topic's rows written so far.
-            rows: (n, sum of the sizes of the topic's fields) float64, columns in the order of the fields; (n, width)
-                for a form.
-
-        Raises:
-            KeyError: undeclared topic.
-            ValueError: rows of another shape, descending ticks, or a count that is not an integer.
+        in order of time across topics, at equal times in the order of the calls. Rows are (n, sum of the sizes of the
+        topic's fields) float64, columns in the order of the fields; (n, width) for a form.
         """
         opened = self._topics[topic]
         if rows.ndim != 2 or rows.shape[1] != opened.width:
@@ -384,11 +340,7 @@ class Writer:
         opened.next_tick = int(ticks[-1]) + 1
 
     def write_messages(self, topic: str, ticks: Sequence[int], messages: Sequence[bytes]) -> None:
-        """Record `messages` of a `ForeignTopic` unchanged, each at its tick; see `write_event`.
-
-        Raises:
-            KeyError: undeclared topic.
-        """
+        """Record `messages` of a `ForeignTopic` unchanged, each at its tick; see `write_event`."""
         channel, counts = self._others[topic], self._summary.message_counts
         # consecutive messages of equal length make one block
         for size, group in groupby(zip(ticks, messages, strict=True), lambda one: len(one[1])):
@@ -404,11 +356,7 @@ class Writer:
             self._pending.append_records(channel, times, records)
 
     def write_event(self, tick: int, level: str, text: str, name: str) -> None:
-        """Record an event at `tick` as a `foxglove.Log` message on `/events`, no earlier than the previous event.
-
-        Args:
-            level, text, name: see `Event`.
-        """
+        """Record an `Event` at `tick` as a `foxglove.Log` message on `/events`, no earlier than the previous event."""
         channel = self._events
         times = self._ascending_times(channel, [tick])
         time = int(times[0])
@@ -432,10 +380,9 @@ class Writer:
         self._summary.attachments.append(AttachmentIndex(start, len(record), time, 0, len(content), name, media_type))
 
     def finish(self) -> Path:
-        """Finish the recording: write buffered messages, index and footer, sync to disk, rename and return its path.
+        """Finish the recording: write messages, index and footer, sync, rename and return its path.
 
-        Raises:
-            RecordingWriteError: disk full or recording closed; the partial file stays, readable.
+        On RecordingWriteError (disk full, recording closed) the partial file stays, readable.
         """
         self._write_chunks()
         self._output.append(self._summary.ending(self._output.size, self._output.crc))
@@ -443,11 +390,7 @@ class Writer:
         return self._output.path
 
     def abandon(self) -> Path:
-        """Write buffered messages, close the unfinished recording and return its partial path; no effect if closed.
-
-        Raises:
-            RecordingWriteError: disk full; the file is closed all the same.
-        """
+        """Write buffered messages, close the recording, even if the disk is full, and return its partial path."""
         if not self._output.closed:
             self._write_chunks()
             self._output.close()

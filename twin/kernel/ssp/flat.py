@@ -18,12 +18,10 @@ MAX_BINDINGS = 1_000_000
 
 
 class UnitStep(NamedTuple):
-    """A step in the transfer of a value over SSP connections: conversion to the target unit, then a transformation.
+    """A step of a value over SSP connections: conversion to the target unit, unless suppressed, then a transformation.
 
-    Attributes:
-        transformation: transformation of a connection or a mapping entry.
-        suppress: whether units are not converted.
-        unit: unit of the system connector where the step ends; "" if the unit does not change, or for the last step.
+    The transformation is of a connection or mapping entry. `unit` is of the system connector where the step ends, "" if
+    it does not change, or for the last step.
     """
 
     transformation: ssp.Transformation = ssp.IDENTITY_TRANSFORMATION
@@ -33,12 +31,7 @@ class UnitStep(NamedTuple):
 
 @dataclass(frozen=True)
 class Lead:
-    """A connection of a flattened SSP system, from a component's output to a component's input, with its conversions.
-
-    Attributes:
-        start, end: component path and connector.
-        hops: conversions on the way, in order.
-    """
+    """A connection from one component's output to another's input (path, connector), with conversions in order."""
 
     start: ssp.Endpoint
     end: ssp.Endpoint
@@ -47,13 +40,7 @@ class Lead:
 
 @dataclass(frozen=True)
 class AssignedValue:
-    """A value of a parameter set assigned to a variable of a component, with its conversions.
-
-    Attributes:
-        value: value in the parameter set.
-        units: units that the set defines.
-        hops: conversions in order; empty if the value is used unchanged.
-    """
+    """A value of a parameter set, which defines `units`, assigned to a variable with conversions `hops`, in order."""
 
     value: ssp.ParameterValue
     units: tuple[ssp.UnitDefinition, ...]
@@ -64,13 +51,10 @@ class AssignedValue:
 class FlatSystem:
     """An SSP system whose subsystems are dissolved into one list of components and connections.
 
-    Attributes:
-        components: by path ("motor", "arm.motor"), in file order.
-        leads: connections between components, at most one per input.
-        assigned: component path -> variable -> value; the value of highest precedence if several are given.
-        ignored: names in parameter sets that match no variable.
-        entrances: input connector of the outermost system -> the component inputs that it feeds, with conversions.
-        exits: output connector of the outermost system -> the connection that feeds it.
+    Components are by path ("motor", "arm.motor"), in file order, with at most one lead per input. `assigned` has the
+    value of highest precedence by path and variable. `ignored` are names in parameter sets that match no variable.
+    `entrances` are the component inputs that an input connector of the outermost system feeds, with conversions;
+    `exits` the connections that feed its output connectors.
     """
 
     components: dict[str, ssp.SspComponent]
@@ -82,15 +66,7 @@ class FlatSystem:
 
 
 def flatten(structure: ssp.Structure, where: str) -> FlatSystem:
-    """Flatten the nested systems of an SSP structure into one list of components and connections.
-
-    Args:
-        where: prefix of error messages.
-
-    Raises:
-        InputRefused: a connection with a missing end, two connections into one connector, a cycle through connectors of
-            systems, or two components with one path.
-    """
+    """Flatten the nested systems of an SSP structure into one list of components and connections."""
     return _Flattener(structure.system, where).system()
 
 

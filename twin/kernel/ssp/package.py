@@ -28,14 +28,9 @@ MAX_FMU_SIZE = 512 << 20
 class Package:
     """A system read from an archive or files: its structure, and access to its FMUs and tables.
 
-    Attributes:
-        file: archive, or the file that names the other files of the system.
-        sha256: digest of `file`.
-        entries: sizes (bytes) by entry name.
-        form: name of the file format, for messages.
-        scheme: coupling scheme that tools of this format use.
-        loose: files by entry name; empty for an archive.
-        omissions: statements of the file that are ignored, one sentence each.
+    `file` is the archive, or names the other files. `entries` has sizes (bytes) by entry name, `loose` files by entry
+    name (empty for an archive). `form` names the format, for messages, `scheme` the coupling that its tools use.
+    `omissions` are ignored statements, one sentence each.
     """
 
     file: Path
@@ -68,12 +63,7 @@ def loose_package(
     scheme: Scheme = "gauss_seidel",
     unsaid: tuple[str, ...] = (),
 ) -> Package:
-    """Make a package of a system's files that are in no archive.
-
-    Args:
-        file, structure, form, scheme, unsaid: attributes of the `Package`; `unsaid` are its omissions.
-        files: files by the names that the structure uses.
-    """
+    """Make a package of a system's files that are in no archive; `files` by the names that the structure uses."""
     return Package(
         file,
         sha256(file) if file.is_file() else "",
@@ -87,11 +77,7 @@ def loose_package(
 
 
 def read_package(file: Path) -> Package:
-    """Read the structure of an SSP archive.
-
-    Raises:
-        InputRefused: not a complete SSP, an invalid structure, or a parameter set that is not in the archive.
-    """
+    """Read the structure of an SSP archive."""
     # unlike Path.is_file, os.path.isfile does not raise for a name that is too long
     if not os.path.isfile(file):
         raise InputRefused(f"{file}: no such SSP")
@@ -111,7 +97,6 @@ def read_package(file: Path) -> Package:
 
 
 def _scheme(structure: Structure, where: str) -> Scheme:
-    """Return the coupling scheme from the annotation of an SSP system; "gauss_seidel" without one."""
     for note in structure.system.annotations:
         if note.type == SCHEME_ANNOTATION and note.content:
             name = parse_xml(note.content.encode(), f"{where}: annotation {SCHEME_ANNOTATION}").get("name", "")

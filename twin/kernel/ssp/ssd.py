@@ -32,25 +32,11 @@ for prefix, namespace in (("ssc", SSC), ("ssd", SSD), ("ssv", SSV), ("ssm", SSM)
 
 
 def parameter_set(content: bytes, where: str, source: str = "") -> ssp.ParameterSet:
-    """Read an SSP parameter set from the content of an SSV file.
-
-    Args:
-        where: prefix of error messages.
-        source: file name in the archive.
-
-    Raises:
-        InputRefused: not an SSV file, or an invalid parameter.
-    """
+    """Read an SSP parameter set from the content of an SSV file, `source` in the archive."""
     return parameter_set_of(parse_xml(content, where), where, source)
 
 
 def parameter_set_of(root: ET.Element, where: str, source: str = "") -> ssp.ParameterSet:
-    """Read an SSP parameter set from its XML element.
-
-    Raises:
-        InputRefused: another element, a parameter without a name or with a repeated one, or a value that is not a
-            finite number, a Boolean or text.
-    """
     if ssp.local_name(root) != "ParameterSet":
         raise InputRefused(f"{where}: <{ssp.local_name(root)}>; expected <ParameterSet>, an SSV file")
     found = grouped_children(root, "Parameters", "Parameter")
@@ -77,7 +63,6 @@ def parameter_set_of(root: ET.Element, where: str, source: str = "") -> ssp.Para
 
 
 def mapping_of(root: ET.Element, where: str, source: str = "") -> ssp.ParameterMapping:
-    """Read an SSP parameter mapping from its XML element."""
     if ssp.local_name(root) != "ParameterMapping":
         raise InputRefused(f"{where}: <{ssp.local_name(root)}>; expected <ParameterMapping>, an SSM file")
     found = child_elements(root, "MappingEntry")
@@ -135,16 +120,7 @@ ResourceLoader = Callable[[str, str], Resource]
 
 
 def structure_of(content: bytes, where: str, load: ResourceLoader) -> ssp.Structure:
-    """Parse the content of an SSP file's SystemStructure.ssd.
-
-    Args:
-        where: prefix of error messages.
-        load: loads parameter sets and mappings that are files of their own.
-
-    Raises:
-        InputRefused: not an SSD of SSP 1.0 or 2.0, invalid names or numbers, or unsupported content: signal
-            dictionaries, connections of array elements.
-    """
+    """Parse the content of an SSP's SystemStructure.ssd; `load` loads parameter sets and mappings in other files."""
     root = parse_xml(content, where)
     if root.tag != f"{SSD_NAMESPACE}SystemStructureDescription":
         raise InputRefused(
@@ -187,12 +163,7 @@ def structure_of(content: bytes, where: str, load: ResourceLoader) -> ssp.Struct
 
 
 class _SystemReader:
-    """Reader of an SSD's systems and their nested elements.
-
-    Args:
-        where: prefix of error messages.
-        load: see `structure_of`.
-    """
+    """Reader of an SSD's systems and their nested elements."""
 
     def __init__(self, where: str, load: ResourceLoader):
         self._where, self._load = where, load
@@ -475,7 +446,6 @@ def _parameter_set(values: ssp.ParameterSet) -> ET.Element:
 
 
 def _text(value: ssp.ParameterValue) -> str:
-    """Format a scalar parameter value as the text of an SSV file."""
     (one,) = value.values
     if isinstance(one, str):
         return one

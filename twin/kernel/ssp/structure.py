@@ -36,7 +36,6 @@ MAX_POWER = 100
 MAX_PARSE_TIME = 30.0
 """Maximum processor time to read a structure, and again to flatten it (s). The largest permitted file takes a tenth."""
 STRUCTURE_FILE = "SystemStructure.ssd"
-"""Name of the structure file in an SSP archive."""
 FMU_TYPE = "application/x-fmu-sharedlibrary"
 TABLE_TYPE = "application/table"
 """MIME type of OMSimulator components that are tables of values over time."""
@@ -49,12 +48,7 @@ Implementation = Literal["any", "CoSimulation", "ModelExchange", "ScheduledExecu
 
 @dataclass(frozen=True)
 class Annotation:
-    """A tool-specific annotation of an SSP element.
-
-    Attributes:
-        type: name in reverse domain notation, "org.openmodelica".
-        content: XML of its content; "" if empty.
-    """
+    """A tool's annotation of an SSP element: reverse domain name, "org.openmodelica", and XML content, "" if empty."""
 
     type: str
     content: str = ""
@@ -85,11 +79,9 @@ class UnitDefinition:
 
 @dataclass(frozen=True)
 class Transformation:
-    """A transformation of a connection's value after unit conversion: factor * value + offset.
+    """A connection's transformation after unit conversion: factor * value + offset, or another one in SSP's words.
 
-    Attributes:
-        factor, offset: coefficients of a LinearTransformation.
-        table: SSP name of a transformation that is not linear, "BooleanMappingTransformation"; "" if it is linear.
+    `table` is its SSP name, "BooleanMappingTransformation"; "" if it is linear.
     """
 
     factor: float = 1.0
@@ -98,20 +90,16 @@ class Transformation:
 
 
 IDENTITY_TRANSFORMATION = Transformation()
-"""Transformation that leaves values unchanged."""
 
 
 @dataclass(frozen=True)
 class ParameterValue:
-    """A value that SSP assigns to a parameter or another variable before a run.
+    """A value that SSP assigns before a run to a variable, named relative to its component or system: "plant.k_s".
 
-    Attributes:
-        name: relative to the component or system it is for: "plant.k_s".
-        type: "Real", "Integer", "Boolean", "String", "Enumeration", "Binary", or a type of FMI 3.0: "Float64".
-        values: one value, or the elements of an array: numbers (0.0 and 1.0 for Boolean), text for String and for an
-            item of an Enumeration, hexadecimal digits for Binary.
-        unit: unit of a real number; "" for the unit of the target variable.
-        description: source of the value, or "".
+    The type is "Real", "Integer", "Boolean", "String", "Enumeration", "Binary", or of FMI 3.0: "Float64". Values are
+    one or the elements of an array: numbers (0.0 and 1.0 for Boolean), text for String and for an item of an
+    Enumeration, hexadecimal digits for Binary. The unit "" stands for the unit of the target. `description` is the
+    source of the value, or "".
     """
 
     name: str
@@ -123,11 +111,7 @@ class ParameterValue:
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """An SSP parameter set, with the `units` that its values use.
-
-    Attributes:
-        source: its file in the archive, "resources/plant.ssv"; "" if it is part of the structure.
-    """
+    """An SSP parameter set with the `units` of its values; `source` is its .ssv in the archive, "" in the structure."""
 
     name: str
     parameters: tuple[ParameterValue, ...]
@@ -149,11 +133,7 @@ class MappingEntry:
 
 @dataclass(frozen=True)
 class ParameterMapping:
-    """An SSP parameter mapping: from parameters to variables with other names.
-
-    Attributes:
-        source: its file in the archive; "" if it is part of the structure.
-    """
+    """An SSP mapping from parameters to other variables; `source` is its file in the archive, "" in the structure."""
 
     entries: tuple[MappingEntry, ...]
     source: str = ""
@@ -170,12 +150,7 @@ class ParameterMapping:
 
 @dataclass(frozen=True)
 class ParameterBinding:
-    """Assignment of parameter values to an SSP component, or to all components of a system.
-
-    Attributes:
-        prefix: prepended to the name of each value.
-        mapping: None if each value has the name of its variable.
-    """
+    """Parameter values for an SSP component, or all of a system: names get `prefix`; no `mapping`: equal names."""
 
     parameters: ParameterSet
     prefix: str = ""
@@ -183,11 +158,7 @@ class ParameterBinding:
 
 
 class ParseBudget:
-    """A limit on the processor time that a file may take to read; larger files are assumed to be malicious.
-
-    Args:
-        where: prefix of the error message.
-    """
+    """A limit on the processor time that a file may take to read; larger files are assumed to be malicious."""
 
     def __init__(self, where: str):
         self._where = where
@@ -227,7 +198,6 @@ def required_attribute(element: ET.Element, attribute: str, where: str) -> str:
 
 
 def require_unique(names: Iterable[str], what: str, where: str) -> None:
-    """Refuse repeated names in a list."""
     seen: set[str] = set()
     for name in names:
         if name in seen:
@@ -242,7 +212,6 @@ def number_attribute(element: ET.Element, attribute: str, where: str, default: f
 
 
 def parse_finite(text: str, where: str) -> float:
-    """Convert text to a number; refuse text that is not a finite number."""
     try:
         value = float(text)
     except ValueError:
@@ -261,7 +230,6 @@ def boolean_attribute(element: ET.Element, attribute: str, where: str) -> bool:
 
 
 def metadata_of(root: ET.Element) -> Metadata:
-    """Return the metadata in the attributes of an SSP file's root element."""
     return Metadata(*(root.get(name, "") for name in METADATA_ATTRIBUTES))
 
 
@@ -274,11 +242,6 @@ def annotations_of(element: ET.Element) -> tuple[Annotation, ...]:
 
 
 def units_of(root: ET.Element, where: str) -> tuple[UnitDefinition, ...]:
-    """Return the unit definitions of an SSP file.
-
-    Raises:
-        InputRefused: a unit without a name, a unit defined twice, or powers that are not small integers.
-    """
     found = []
     for unit in grouped_children(root, "Units", "Unit"):
         name = required_attribute(unit, "name", where)
@@ -299,7 +262,6 @@ def units_of(root: ET.Element, where: str) -> tuple[UnitDefinition, ...]:
 
 
 def transformation_of(element: ET.Element, where: str) -> Transformation:
-    """Return the transformation of an SSP connection or mapping entry."""
     for child in element:
         if local_name(child) == "LinearTransformation":
             return Transformation(
@@ -312,13 +274,10 @@ def transformation_of(element: ET.Element, where: str) -> Transformation:
 
 @dataclass(frozen=True)
 class Connector:
-    """A connector (input, output or parameter) of an SSP component or system.
+    """A connector (input, output or parameter) of an SSP component (a variable of its FMU) or system.
 
-    Attributes:
-        name: name of the variable, if the component is an FMU.
-        type: "Real", "Float64", "Integer" ...; "" for the type of the variable.
-        unit: "" for the unit of the variable.
-        dimensions: sizes of an array (SSP 2.0): numbers, or names of connectors that provide them.
+    The type is "Real", "Float64", "Integer" ...; "" stands for the type or unit of the variable. `dimensions` are sizes
+    of an array (SSP 2.0): numbers, or names of connectors that provide them.
     """
 
     name: str
@@ -331,15 +290,10 @@ class Connector:
 
 @dataclass(frozen=True)
 class SspComponent:
-    """A component of an SSP system from an external file, usually an FMU.
+    """A component of an SSP system from an external file of a MIME `type`, usually an FMU, used as `implementation`.
 
-    Attributes:
-        name: unique in its system.
-        source: URI relative to the structure: "resources/plant.fmu".
-        type: MIME type of the source.
-        implementation: kind of FMU to use.
-        connectors: declared connectors; an FMU may have more variables.
-        bindings: parameter values; the last one takes precedence.
+    `name` is unique in its system; `source` a URI relative to the structure: "resources/plant.fmu". Connectors are
+    declared; an FMU may have more variables. The last of the bindings takes precedence.
     """
 
     name: str
@@ -353,7 +307,6 @@ class SspComponent:
 
     @cached_property
     def connector_of(self) -> dict[str, Connector]:
-        """Declared connectors of the component by name."""
         return {one.name: one for one in self.connectors}
 
 
@@ -366,11 +319,7 @@ class Endpoint(NamedTuple):
 
 @dataclass(frozen=True)
 class Connection:
-    """An SSP connection between two connectors.
-
-    Attributes:
-        suppress_unit_conversion: whether only the transformation is applied to the value.
-    """
+    """An SSP connection; with `suppress_unit_conversion` only the transformation is applied to the value."""
 
     start: Endpoint
     end: Endpoint
@@ -382,9 +331,7 @@ class Connection:
 class SspSystem:
     """An SSP system of components and nested systems, joined by connections.
 
-    Attributes:
-        connectors: its own connectors, for the enclosing system.
-        bindings: parameter values "element.parameter" for all its elements.
+    `connectors` are its own, for the enclosing system. `bindings` have values "element.parameter" for all its elements.
     """
 
     name: str
@@ -397,12 +344,10 @@ class SspSystem:
 
     @cached_property
     def connector_of(self) -> dict[str, Connector]:
-        """Own connectors of the system by name."""
         return {one.name: one for one in self.connectors}
 
     @cached_property
     def element_of(self) -> dict[str, "SspComponent | SspSystem"]:
-        """Elements of the system (components and nested systems) by name."""
         return {one.name: one for one in self.elements}
 
     @cached_property
@@ -422,12 +367,9 @@ class DefaultExperiment:
 
 @dataclass(frozen=True)
 class Structure:
-    """Content of a SystemStructure.ssd: system, units, enumerations, default experiment.
+    """Content of a SystemStructure.ssd (SSP version "1.0"): system, units of connectors, default experiment.
 
-    Attributes:
-        version: SSP version, "1.0".
-        units: units that connectors use.
-        enumerations: (name, (item, value) ...) each.
+    `enumerations` are (name, (item, value) ...) each.
     """
 
     name: str

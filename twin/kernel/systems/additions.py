@@ -13,18 +13,10 @@ from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import read_bytes
 from twin.kernel.fmi.description import FmuDescription, described
 from twin.kernel.fmi.variable import MAX_EXACT, Value, Variable
+from twin.kernel.ssp import structure as ssp
 from twin.kernel.ssp.flat import AssignedValue, FlatSystem
 from twin.kernel.ssp.package import Package
 from twin.kernel.ssp.ssd import parameter_set
-from twin.kernel.ssp.structure import (
-    BOOLEAN_VALUES,
-    INTEGER_TYPES,
-    REAL_TYPES,
-    Endpoint,
-    ParameterBinding,
-    ParameterSet,
-    ParameterValue,
-)
 from twin.kernel.systems.naming import SINGLE_FORM
 
 UNIT_PATTERN = re.compile(r"(?P<value>.*\S)\s*\[(?P<unit>[^\[\]]*)\]")
@@ -33,13 +25,10 @@ _LIST_PATTERN = re.compile(r"\[(?P<values>.*)\]")
 
 @dataclass(frozen=True)
 class Additions:
-    """Changes to a system given on the command line: values, inputs over time, signals to record.
+    """Changes to a system given on the command line: texts NAME=VALUE, SSV files, inputs over time, signals to record.
 
-    Attributes:
-        settings: texts NAME=VALUE.
-        parameters: SSV files; later files take precedence, and settings over all files.
-        inputs: texts NAME=SOURCE, or files whose columns have the names of inputs.
-        recorded: name patterns of the signals to record; empty for all outputs.
+    Inputs are NAME=SOURCE, or files whose columns have the names of inputs. Later SSV files take precedence, and
+    settings over all files. Signals are recorded by name patterns; all outputs without patterns.
     """
 
     settings: Sequence[str] = ()
@@ -60,11 +49,7 @@ def setting_text(value: Value) -> str:
 
 
 def with_parameters(package: Package, files: Sequence[Path]) -> Package:
-    """Add the values of SSV files to the outermost system of an SSP package.
-
-    Raises:
-        InputRefused: not an SSV file.
-    """
+    """Add the values of SSV files to the outermost system of an SSP package."""
     if not files:
         return package
     sets = [parameter_set(read_bytes(file, kind="SSV file"), str(file), str(file)) for file in files]
@@ -77,22 +62,18 @@ def with_parameters(package: Package, files: Sequence[Path]) -> Package:
     return _add_bindings(package, sets)
 
 
-def _of_component(value: ParameterValue, component: str) -> ParameterValue:
+def _of_component(value: ssp.ParameterValue, component: str) -> ssp.ParameterValue:
     return value if value.name.startswith(f"{component}.") else replace(value, name=f"{component}.{value.name}")
 
 
-def _add_bindings(package: Package, sets: Iterable[ParameterSet]) -> Package:
+def _add_bindings(package: Package, sets: Iterable[ssp.ParameterSet]) -> Package:
     system = package.structure.system
-    bindings = (*system.bindings, *(ParameterBinding(one) for one in sets))
+    bindings = (*system.bindings, *(ssp.ParameterBinding(one) for one in sets))
     return replace(package, structure=replace(package.structure, system=replace(system, bindings=bindings)))
 
 
 class SystemNames:
-    """Lookup of component and variable names in a system.
-
-    Args:
-        files: FMU files by component.
-    """
+    """Lookup of component and variable names in a system, whose components have the FMU `files`."""
 
     def __init__(self, package: Package, flat: FlatSystem, files: Mapping[str, Path]):
         self.package, self.flat = package, flat
@@ -103,36 +84,32 @@ class SystemNames:
         # lenient: the plan checks whether the FMU needs its authoring tool
         return described(self._files[path], lenient=True)
 
-    def place(self, name: str, option: str) -> Endpoint:
-        """Return the (component, variable) called `name`; component "" for a connector of the outermost system.
-
-        Raises:
-            InputRefused: no component or variable has this name.
-        """
+    def place(self, name: str, option: str) -> ssp.Endpoint:
+        """Return the (component, variable) called `name`; component "" for a connector of the outermost system."""
         if name in self.package.structure.system.connector_of:
-            return Endpoint("", name)
+            return ssp.Endpoint("", name)
         owners = [path for path in self._files if name.startswith(f"{path}.")]
         path = max(owners, key=len, default=self.alone)
         variable = name.removeprefix(f"{path}.")
         if path and variable in self.description(path).variables:
-            return Endpoint(path, variable)
+            return ssp.Endpoint(path, variable)
         where = f"{option} {name}: {self.package.file.name}"
         if path:
             raise InputRefused(f"{where}: {path} has no variable '{variable}'; {self._hint(variable, path)}")
         raise InputRefused(f"{where} has no component of this name; {nearest(name.partition('.')[0], self._files)}")
 
-    def variable(self, end: Endpoint) -> Variable:
+    def variable(self, end: ssp.Endpoint) -> Variable:
         return self.description(end.element).variables[end.connector]
 
-    def inputs(self) -> Iterator[tuple[str, Endpoint]]:
+    def inputs(self) -> Iterator[tuple[str, ssp.Endpoint]]:
         """Yield (name, endpoint) of every system input that a column of a file may feed."""
         for name in self.flat.entrances:
-            yield name, Endpoint("", name)
+            yield name, ssp.Endpoint("", name)
         for path in self._files:
             for variable in self.description(path).variables_of("input"):
-                yield f"{path}.{variable.name}", Endpoint(path, variable.name)
+                yield f"{path}.{variable.name}", ssp.Endpoint(path, variable.name)
                 if self.alone:
-                    yield variable.name, Endpoint(path, variable.name)
+                    yield variable.name, ssp.Endpoint(path, variable.name)
 
     def _hint(self, variable: str, path: str) -> str:
         description = self.description(path)
@@ -141,13 +118,9 @@ class SystemNames:
 
 
 def with_settings(flat: FlatSystem, names: SystemNames, settings: Sequence[str]) -> FlatSystem:
-    """Add the values of settings NAME=VALUE to the outermost system of a package; they override all others.
-
-    Raises:
-        InputRefused: not NAME=VALUE, an unknown name, or a value of the wrong type.
-    """
+    """Add the values of settings NAME=VALUE to the outermost system of a package; they override all others."""
     assigned = {path: dict(values) for path, values in flat.assigned.items()}
-    seen: dict[Endpoint, str] = {}
+    seen: dict[ssp.Endpoint, str] = {}
     for text in settings:
         name, equals, given = (part.strip() for part in text.partition("="))
         if not equals or not name or not given:
@@ -178,37 +151,36 @@ def overruled_names(flat: FlatSystem, names: SystemNames, additions: Additions) 
     yield from (one.name for by in sets for one in by.parameters.parameters if one.name in by_name)
 
 
-def _value(name: str, text: str, variable: Variable, where: str) -> ParameterValue:
-    """Parse the text of a setting to a value of the type of the FMU variable."""
+def _value(name: str, text: str, variable: Variable, where: str) -> ssp.ParameterValue:
     if variable.is_text:
         if variable.type != "String":
             raise InputRefused(f"{where}: {name} is binary, which cannot be set here")
-        return ParameterValue(name, "String", (text.strip("'\""),))
+        return ssp.ParameterValue(name, "String", (text.strip("'\""),))
     found, spelled = _LIST_PATTERN.fullmatch(text), ""
     if found is None and (measured := UNIT_PATTERN.fullmatch(text)):
         text, spelled = measured["value"], measured["unit"]
     texts = [one.strip() for one in found["values"].split(",")] if found else [text]
     if variable.items and not found and _number(text) is None:
         # an enumeration item by name, which the FMU looks up
-        return ParameterValue(name, "Enumeration", (text,))
+        return ssp.ParameterValue(name, "Enumeration", (text,))
     numbers = tuple(_typed_number(one, variable, where) for one in texts)
-    return ParameterValue(
-        name, variable.type if variable.type in (*REAL_TYPES, *INTEGER_TYPES) else "Real", numbers, spelled
+    return ssp.ParameterValue(
+        name, variable.type if variable.type in (*ssp.REAL_TYPES, *ssp.INTEGER_TYPES) else "Real", numbers, spelled
     )
 
 
 def _typed_number(text: str, variable: Variable, where: str) -> float:
     if variable.type == "Boolean":
-        if text.lower() not in BOOLEAN_VALUES:
+        if text.lower() not in ssp.BOOLEAN_VALUES:
             raise InputRefused(f"{where}: {variable.name} is Boolean; expected true or false")
-        return float(BOOLEAN_VALUES[text.lower()])
+        return float(ssp.BOOLEAN_VALUES[text.lower()])
     number = _number(text)
     if number is None:
         raise InputRefused(f"{where}: {variable.name} is {variable.type}; expected a finite number")
-    if variable.type not in REAL_TYPES and not number.is_integer():
+    if variable.type not in ssp.REAL_TYPES and not number.is_integer():
         raise InputRefused(f"{where}: {variable.name} is {variable.type}; expected a whole number")
     # an integer beyond the exact range of a double is checked as given, before rounding
-    if variable.type not in REAL_TYPES and (
+    if variable.type not in ssp.REAL_TYPES and (
         why := variable.range_error(int(Decimal(text)) if abs(number) >= MAX_EXACT else number)
     ):
         raise InputRefused(f"{where}: {why}")

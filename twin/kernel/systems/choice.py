@@ -43,7 +43,6 @@ class MasterChoice:
 
     @property
     def method(self) -> Method:
-        """Integration method of the solver for model exchange."""
         return self.solver or "cvode"
 
     def refuse_unknown(self, components: Iterable[str], where: str) -> None:
@@ -55,17 +54,7 @@ class MasterChoice:
                     raise InputRefused(f"{where}: {option} {name}: no such component; {nearest(name, known)}")
 
     def refuse_idle(self, used: "Mapping[str, FmuDescription]", scheme: "Scheme", where: str) -> None:
-        """Refuse options that have no effect on the FMUs of the system.
-
-        Args:
-            used: FMU of each component, as the kind in use.
-            scheme: coupling scheme of the system.
-            where: prefix of error messages.
-
-        Raises:
-            InputRefused: a solver without FMUs for model exchange, a kind that no FMU uses, or an order with Jacobi
-                coupling.
-        """
+        """Refuse options that have no effect on the FMUs `used`, by component, as the kind in use."""
         for_all = self.kinds.get("")
         others = {one.kind for name, one in used.items() if name not in self.kinds}
         if for_all and for_all not in others:

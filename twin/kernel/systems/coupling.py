@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.kernel.cosim.component import Component
-from twin.kernel.cosim.delay import columns, play
+from twin.kernel.cosim.delay import play
 from twin.kernel.cosim.loop import DIFFERENCE_STEP, MAX_PASSES, MAX_RESIDUAL, MIN_SCALE, LoopComponent
-from twin.kernel.cosim.port import Port, width
+from twin.kernel.cosim.port import Port, by_port, width
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi.component import FmuComponent, open_instance
@@ -30,13 +30,9 @@ from twin.kernel.systems.plan import SystemPart, SystemPlan
 class PreparedSystem:
     """A co-simulation system with initialised and coupled FMUs, ready to run.
 
-    Attributes:
-        plan: its plan, without outputs that an FMU turned out not to return.
-        system: components in plan order; parts of a solved loop are merged into one.
-        settled: whether the initial values are consistent, i.e. every input equals its source.
-        columns: slice of a row by part name.
-        solved: whether loops are solved.
-        forgiven: accepted violations of binaries.
+    The plan lacks outputs that an FMU turned out not to return. `system` has components in plan order, parts of a
+    solved loop merged into one. `settled`: every input initially equals its source. `columns` is the slice of a row by
+    part name. `forgiven` are accepted violations of binaries.
     """
 
     plan: SystemPlan
@@ -65,16 +61,10 @@ def folders_of(plan: SystemPlan) -> dict[str, Path]:
 
 @contextmanager
 def couple_system(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedSystem]:
-    """Initialise and couple the FMUs of a planned system; free them at the end of the block.
+    """Initialise and couple the FMUs of a planned system, unpacked in `folders` by SHA-256; free them after the block.
 
     All FMUs are in initialisation mode together until their inputs have the values of their sources. FMUs of FMI 1.0,
     which has no such mode, keep their start values.
-
-    Args:
-        folders: folders of the unpacked FMUs by SHA-256.
-
-    Raises:
-        InputRefused: an FMU that cannot be loaded or initialised, an unsupported step, or a loop that cannot be solved.
     """
     refuse_steps(plan, "another --tick-ms or --step")
     found = find_loops(plan)
@@ -105,19 +95,11 @@ def initialise_fmus(
     outputs_at_start: Mapping[str, Mapping[str, float | np.ndarray]] = MappingProxyType({}),
     free: bool = False,
 ) -> InitialFmus:
-    """Initialise the FMUs of a system together, and make components of them.
+    """Initialise the FMUs of a system together, and make components of them, which `made` closes.
 
-    Args:
-        plan, folders: see `couple_system`.
-        made: closes the FMUs.
-        given: initial outputs of components that are not FMUs.
-        solved: loops whose initial values are solved for.
-        outputs_at_start: see `FmuComponent`; by component.
-        free: whether unread outputs may be non-finite, and unreadable local variables are dropped.
-
-    Raises:
-        InputRefused: see `couple_system`.
-        ComponentFailed: an FMU does not return an output, or its value does not fit the input that it feeds.
+    Arguments are as of `couple_system` and, by component, `FmuComponent`. `given` are initial outputs of components
+    that are not FMUs, `solved` loops whose initial values are solved for. `free`: unread outputs may be non-finite, and
+    unreadable local variables are dropped.
     """
     fed = {source for source, _ in plan.wires}
     parts: list[SystemPart] = []
@@ -197,11 +179,7 @@ def _columns(plan: SystemPlan, system: System, places: Mapping[str, tuple[str, i
 
 
 def refuse_steps(plan: SystemPlan, choice: str) -> None:
-    """Check that all FMUs accept the step sizes of a plan.
-
-    Args:
-        choice: alternative to suggest in the message.
-    """
+    """Check that all FMUs accept the step sizes of a plan; suggest the alternative `choice` otherwise."""
     for part in plan.parts:
         try:
             refuse_step(part.description, plan.timing.tick * plan.timing.periods[part.path], 1)
@@ -211,15 +189,9 @@ def refuse_steps(plan: SystemPlan, choice: str) -> None:
 
 
 class _SolvableLoop:
-    """An algebraic loop of a system that can be solved, with the wires whose values are its unknowns.
+    """An algebraic loop of a system that can be solved, with the wires `leading_back` against the step order.
 
-    Attributes:
-        path: path of the loop, for messages.
-        cure: alternatives, for messages.
-        leading_back: wires against the step order of its parts; their values are the unknowns.
-
-    Raises:
-        InputRefused: an unknown is not continuous, a part has longer steps, or a part cannot repeat a step.
+    Their values are the unknowns. `cure` has alternatives, for messages.
     """
 
     def __init__(self, plan: SystemPlan, loop: AlgebraicLoop):
@@ -252,9 +224,9 @@ class _SolvableLoop:
     def merge_parts(
         self, components: dict[str, Component], wires: list[tuple[str, str]], columns: dict[str, tuple[str, int]]
     ) -> list[tuple[str, str]]:
-        """Merge the components of the loop into one component that solves it; return the remaining wires.
+        """Merge the loop's components into one that solves it, at the first part's place; return the remaining wires.
 
-        `components` and `columns` are updated in place; the merged component has the position of the first part.
+        `components` and `columns` are updated in place.
         """
         name = "+".join(self._names)
         members = [components[part] for part in self._names]
@@ -287,21 +259,14 @@ class _SolvableLoop:
 
 
 def _can_repeat_step(part: SystemPart) -> bool:
-    return part.description.kind == "model_exchange" or _has_fmu_state(part)
-
-
-def _has_fmu_state(part: SystemPart) -> bool:
-    return bool(getattr(part.description.interface, "canGetAndSetFMUstate", False))
+    description = part.description
+    return description.kind == "model_exchange" or getattr(description.interface, "canGetAndSetFMUstate", False)
 
 
 class _InitialValues:
     """Propagator of initial values from FMU outputs to inputs, in initialisation mode.
 
-    Args:
-        plan: plan of the system.
-        instances: FMU instances in initialisation mode, by part name.
-        solved: loops whose values are solved for.
-        given: initial outputs of components that are not FMUs.
+    `given` are the initial outputs of components that are not FMUs.
     """
 
     def __init__(
@@ -338,11 +303,7 @@ class _InitialValues:
         self._read: dict[int, int] = {}
 
     def settle(self) -> bool:
-        """Propagate initial values between FMUs until all agree, and solve loops; return False if they do not.
-
-        Raises:
-            InputRefused: the initial values of a loop do not converge.
-        """
+        """Propagate initial values between FMUs until all agree, and solve loops; return False if they do not."""
         if not self._back:
             return self._propagate()
         z = np.concatenate([_read_port(source, output) for source, output, _, _ in self._back])
@@ -404,14 +365,12 @@ class _InitialValues:
 
 
 def _start_signals(plan: SystemPlan) -> dict[str, np.ndarray]:
-    """Return the initial outputs of signal components (expressions and files), by output."""
     start = np.array([plan.timing.first * plan.timing.tick])
     found: dict[str, np.ndarray] = {}
     for component in plan.extras.components:
         if component.name in plan.extras.signals:
             rows, _ = play(component, start, np.array([plan.timing.tick]), np.zeros((1, 0)))
-            found |= {f"{component.name}.{name}": np.atleast_1d(values[0])
-                      for name, values in columns(component, rows).items()}  # fmt: skip
+            found |= {f"{component.name}.{name}": v for name, v in by_port(component.outputs, rows[0]).items()}
     return found
 
 

@@ -17,7 +17,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.fmi.stepping import FmuPort
-from twin.kernel.fmi.variable import Setting, Value, Variable, conversion, to_json
+from twin.kernel.fmi.variable import Setting, Value, Variable, to_json
 from twin.kernel.ssp.flat import FlatSystem, UnitStep, flatten
 from twin.kernel.ssp.package import Package, read_package
 from twin.kernel.ssp.structure import Endpoint
@@ -50,13 +50,10 @@ class EnclosedComponent(Subsystem):
 
 @dataclass(frozen=True)
 class EnclosedSystem:
-    """An SSP system that can replace an FMU and has passed all checks that need no binary.
+    """An SSP system (archive and its digest) that can replace an FMU, checked as far as possible without a binary.
 
-    Attributes:
-        path, sha256: archive and its digest.
-        variables: connectors, and inner variables requested by name; all inner inputs or outputs if the system has no
-            connectors of that side.
-        plan: inner system; its inputs come from the component INLET_NAME.
+    `variables` are connectors, and inner variables requested by name; all inner inputs or outputs if it has no
+    connectors of that side. The inputs of the inner system `plan` come from the component INLET_NAME.
     """
 
     path: Path
@@ -88,7 +85,6 @@ class EnclosedSystem:
         return tuple((".".join(lead.start), ".".join(lead.end)) for lead in self._flat.leads)
 
     def folder(self, part: str) -> Path:
-        """Return the folder of the unpacked FMU of an inner component."""
         return self._folders[self.descriptions[part].sha256]
 
     def variables_of(self, causality: str) -> list[Variable]:
@@ -127,18 +123,9 @@ class EnclosedSystem:
         inputs_at_start: Mapping[str, Start] = MappingProxyType({}),
         outputs_at_start: Mapping[str, Start] = MappingProxyType({}),
     ) -> EnclosedComponent:
-        """Initialise the enclosed system as a component that makes `every` ticks in a step.
+        """Initialise the enclosed system as a component that makes `every` ticks (of `tick` s) in a step.
 
-        Args:
-            inputs, outputs: ports of variables of this system; other inputs keep their start values.
-            tick: duration of a tick (s).
-            every: ticks in a step.
-            ticks: duration of the run (ticks); 0 if unknown.
-            sampled: see `FmuComponent`.
-            inputs_at_start, outputs_at_start: see `FmuComponent`; by port.
-
-        Raises:
-            InputRefused: a step does not fit, or an FMU cannot be initialised.
+        The run takes `ticks`, 0 if unknown. Inputs without a port keep their start values; else as `FmuComponent`.
         """
         when = timing_inside(self.plan.package, self._flat, self.descriptions, tick, every, ticks)
         fed = {_wire(self, port.variable.name): (f"in{n}", port) for n, port in enumerate(inputs)}
@@ -215,16 +202,10 @@ def _values(start: Start, port: FmuPort) -> np.ndarray:
 
 
 def enclose_system(file: Path, table: str, values: Mapping[str, Value], named: Collection[str]) -> EnclosedSystem:
-    """Read an SSP archive as a system that replaces an FMU.
+    """Read an SSP archive as a system that replaces an FMU, named in the experiment's `table`.
 
-    Args:
-        table: table of the experiment that names it, for messages.
-        values: start values, also of inputs that then have no source, by "component.variable" or connector.
-        named: names that the mapping uses; they may include inner variables.
-
-    Raises:
-        InputRefused: an invalid SSP, a value that cannot be set, a connector without a component, or a connector of
-            ambiguous unit.
+    `values` are start values, also of inputs that then have no source, by "component.variable" or connector; `named`
+    the names that the mapping uses, possibly of inner variables.
     """
     package = read_package(file)
     flat = flatten(package.structure, f"{file}")
@@ -259,12 +240,7 @@ def _with_values(flat: FlatSystem, names: SystemNames, table: str, values: Mappi
 
 
 class _OuterVariables:
-    """Variables of an SSP system that are visible from outside.
-
-    Attributes:
-        variables: see `EnclosedSystem`.
-        exits: visible output -> the inner variable and the conversion from it.
-    """
+    """Variables of a system visible from outside; `exits`: visible output -> inner variable, conversion from it."""
 
     def __init__(
         self,
@@ -328,11 +304,8 @@ class _OuterVariables:
     def _connector_unit(self, name: str, end: Endpoint) -> ParsedUnit:
         """Return the unit of a connector, defined by the archive or else by the FMU behind it; "" if not stated."""
         connector = self._package.structure.system.connector_of.get(name)
-        if connector is None or not connector.unit:
-            return ParsedUnit("", None)
-        read = parse_unit(connector.unit, self._package.structure.units)
-        known = self._names.description(end.element).model.unitDefinitions
-        return read if read.conversion else ParsedUnit(connector.unit, conversion(connector.unit, known))
+        units, description = self._package.structure.units, self._names.description(end.element)
+        return parse_unit(connector.unit if connector else "", units, description)
 
     def _add_input(self, name: str, ends: Ends) -> None:
         inner = [self._inner_variable(end, ("input",), name) for end, _ in ends]

@@ -9,14 +9,9 @@ from twin.kernel.ssp.structure import Endpoint
 
 @dataclass(frozen=True)
 class Feed:
-    """A connection to an FMU input from a component that is not an FMU, such as a signal.
+    """A connection to an FMU input `end` (path, variable) from an output "component.port" of the master, like a signal.
 
-    Attributes:
-        end: component path and variable.
-        source: output in the master, "component.port".
-        by: origin of the connection, for messages.
-        unit: unit of the value; "" for the unit of the variable.
-        hops: conversions on the way.
+    `by` is its origin, for messages, `unit` the unit of the value, "" for the variable's, `hops` its conversions.
     """
 
     end: Endpoint
@@ -54,15 +49,5 @@ class SystemExtras:
     spans: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def __add__(self, other: "SystemExtras") -> "SystemExtras":
-        """Combine the components and connections of two additions to a system."""
-        return SystemExtras(
-            self.components + other.components,
-            self.feeds + other.feeds,
-            self.drains + other.drains,
-            self.wires + other.wires,
-            self.order + other.order,
-            self.signals + other.signals,
-            self.about | other.about,
-            self.ignored + other.ignored,
-            self.spans | other.spans,
-        )
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return SystemExtras(*(one | more if isinstance(one, dict) else one + more for one, more in pairs))

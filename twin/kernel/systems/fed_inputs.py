@@ -18,14 +18,9 @@ from twin.kernel.recording.logs.column_map import TIME_NAMES, require_unit, spli
 from twin.kernel.recording.logs.csv_table import CsvTable, parse_table, read_table
 from twin.kernel.recording.logs.log import LogError
 from twin.kernel.recording.logs.reader import read_log
+from twin.kernel.ssp import structure as ssp
 from twin.kernel.ssp.flat import FlatSystem, UnitStep
 from twin.kernel.ssp.package import Package
-from twin.kernel.ssp.structure import (
-    REAL_TYPES,
-    TABLE_TYPE,
-    Endpoint,
-    SspComponent,
-)
 from twin.kernel.systems.additions import UNIT_PATTERN, SystemNames
 from twin.kernel.systems.extras import Feed, SystemExtras
 from twin.kernel.systems.naming import identifier, topic_name, unique_names
@@ -37,34 +32,21 @@ SIGNAL_SUFFIXES = (".csv", ".mcap")
 
 @dataclass(frozen=True)
 class _InputSignal:
-    """A signal over time and the system input that it feeds.
+    """A signal over time and the system input that it feeds; `about` is its expression, or file name and digest.
 
-    Attributes:
-        unit: unit of the values; "" for the unit of the input.
-        about: expression, or name and digest of the file.
+    `unit` is of its values; "" for the unit of the input.
     """
 
     name: str
-    place: Endpoint
+    place: ssp.Endpoint
     signal: Signal
     unit: str
     about: str
     ignored: tuple[str, ...] = ()
 
 
-def input_extras(
-    names: SystemNames, inputs: Sequence[str], settings: Sequence[str], start: float = 0.0
-) -> SystemExtras:
-    """Make a component of the signals over time that feed inputs, and its connections.
-
-    Args:
-        inputs, settings: see `Additions`; an input may not be in both.
-        start: start of the run (s).
-
-    Raises:
-        InputRefused: an unknown input, a file or expression that cannot be read, or an input with both a value and a
-            signal.
-    """
+def input_extras(names: SystemNames, inputs: Sequence[str], settings: Sequence[str]) -> SystemExtras:
+    """Make a component of the signals that feed inputs (see `Additions`; no input in both), and its connections."""
     fed = [one for text in inputs for one in _input_signals(names, text)]
     if not fed:
         return SystemExtras()
@@ -74,7 +56,7 @@ def input_extras(
         if one.place in set_:
             raise InputRefused(f"--input {one.name} and --set {one.name} contradict each other; remove one")
         by, wire = f"--input {one.name}", f"{INPUTS_TOPIC}.{port}"
-        ends: Sequence[tuple[Endpoint, tuple[UnitStep, ...]]] = [(one.place, ())]
+        ends: Sequence[tuple[ssp.Endpoint, tuple[UnitStep, ...]]] = [(one.place, ())]
         spelled = one.unit
         if not one.place.element:
             ends = names.flat.entrances[one.place.connector]
@@ -88,7 +70,7 @@ def input_extras(
         if isinstance(one.signal, SampledSignal):
             spans[one.name] = (float(one.signal.t[0]), float(one.signal.t[-1]))
     ignored = tuple(dict.fromkeys(name for one in fed for name in one.ignored))
-    fed_by = source(INPUTS_TOPIC, ports, signals, start)
+    fed_by = source(INPUTS_TOPIC, ports, signals)
     return SystemExtras((fed_by,), tuple(feeds), signals=(INPUTS_TOPIC,), about=about, ignored=ignored, spans=spans)
 
 
@@ -112,8 +94,8 @@ def _input_signals(names: SystemNames, text: str) -> Iterator[_InputSignal]:
         yield _InputSignal(name, place, samples, spelled or own, f"{Path(file).name} sha256 {_sha256(Path(file))[:12]}")
     else:
         signal = parse_expression(given, where)
-        for variable in (names.variable(end) for end in _ends(names, place)):
-            if variable.type not in REAL_TYPES and np.any(np.abs(signal.numbers) >= MAX_EXACT):
+        for variable in _fed_variables(names, place):
+            if variable.type not in ssp.REAL_TYPES and np.any(np.abs(signal.numbers) >= MAX_EXACT):
                 raise InputRefused(f"{where}: {variable.name} is {variable.type}; expected numbers below 2^53")
         yield _InputSignal(name, place, signal, "", given)
 
@@ -140,7 +122,7 @@ def _file_signals(names: SystemNames, file: Path) -> Iterator[_InputSignal]:
         yield _InputSignal(name, known[name], samples, spelled, about, tuple(f"{file.name}: {one}" for one in others))
 
 
-def _input(names: SystemNames, name: str) -> Endpoint:
+def _input(names: SystemNames, name: str) -> ssp.Endpoint:
     place = names.place(name, "--input")
     if not place.element and place.connector not in names.flat.entrances:
         raise InputRefused(f"--input {name}: it is not an input of the system")
@@ -149,19 +131,19 @@ def _input(names: SystemNames, name: str) -> Endpoint:
     return place
 
 
-def _ends(names: SystemNames, place: Endpoint) -> list[Endpoint]:
-    return [place] if place.element else [end for end, _ in names.flat.entrances[place.connector]]
+def _fed_variables(names: SystemNames, place: ssp.Endpoint) -> list[Variable]:
+    ends = [place] if place.element else [end for end, _ in names.flat.entrances[place.connector]]
+    return [names.variable(end) for end in ends]
 
 
-def _is_held(names: SystemNames, place: Endpoint) -> bool:
+def _is_held(names: SystemNames, place: ssp.Endpoint) -> bool:
     """Whether an input signal's samples are held, not interpolated: true if any input is not a continuous real."""
-    variables = [names.variable(end) for end in _ends(names, place)]
-    return any(v.variability != "continuous" or v.type not in REAL_TYPES for v in variables)
+    return any(v.variability != "continuous" or v.type not in ssp.REAL_TYPES for v in _fed_variables(names, place))
 
 
-def _refuse_broken(names: SystemNames, place: Endpoint, samples: SampledSignal, where: str) -> None:
-    for variable in (names.variable(end) for end in _ends(names, place)):
-        if variable.type not in REAL_TYPES and not np.all(samples.values == np.rint(samples.values)):
+def _refuse_broken(names: SystemNames, place: ssp.Endpoint, samples: SampledSignal, where: str) -> None:
+    for variable in _fed_variables(names, place):
+        if variable.type not in ssp.REAL_TYPES and not np.all(samples.values == np.rint(samples.values)):
             bad = samples.values[samples.values != np.rint(samples.values)][0]
             raise InputRefused(
                 f"{where}: {bad:g} for {variable.name}, which is {variable.type}; expected whole numbers"
@@ -174,7 +156,7 @@ def _refuse_unfit(variable: Variable, values: np.ndarray, where: str) -> None:
     for value in map(float, (np.nanmin(values), np.nanmax(values))):
         # a larger integer may have been rounded to MAX_EXACT when it was read
         if why := variable.range_error(
-            value if abs(value) != MAX_EXACT or variable.type in REAL_TYPES else 2.0 * value
+            value if abs(value) != MAX_EXACT or variable.type in ssp.REAL_TYPES else 2.0 * value
         ):
             raise InputRefused(f"{where}: {why}")
 
@@ -211,7 +193,6 @@ def _split_brackets(head: str) -> tuple[str, str]:
 
 
 def _time(table: CsvTable) -> tuple[str, np.ndarray]:
-    """Return the name of a CSV table's time column and its values (s)."""
     named = {head: split_unit(head) for head in table.head}
     head = next((head for head, (name, _) in named.items() if name.lower() in TIME_NAMES), None)
     if head is None:
@@ -238,20 +219,13 @@ def _sha256(file: Path) -> str:
     return sha256(file) if file.is_file() else "of a folder"
 
 
-def is_table(component: SspComponent) -> bool:
+def is_table(component: ssp.SspComponent) -> bool:
     """Whether an SSP component is a table of values over time, as in OMSimulator."""
-    return component.type == TABLE_TYPE or (component.type == "" and component.source.lower().endswith(".csv"))
+    return component.type == ssp.TABLE_TYPE or (component.type == "" and component.source.lower().endswith(".csv"))
 
 
 def table_extras(package: Package, flat: FlatSystem) -> tuple[FlatSystem, SystemExtras]:
-    """Replace the SSP components that are tables of values over time by signal components.
-
-    Returns:
-        (system without its tables, components and connections in their place).
-
-    Raises:
-        InputRefused: a table that is not a CSV file of the archive, or a missing column.
-    """
+    """Replace components that are tables over time; return (system without them, signal components and wires)."""
     tables = {path: one for path, one in flat.components.items() if is_table(one)}
     if not tables:
         return flat, SystemExtras()
@@ -270,11 +244,11 @@ def table_extras(package: Package, flat: FlatSystem) -> tuple[FlatSystem, System
             if name not in table.head or name == time:
                 raise InputRefused(f"{where}: {entry} has no column '{name}'; {nearest(name, table.head, 'it has {}')}")
             stated = component.connector_of.get(name)
-            held = stated is not None and stated.type not in ("", *REAL_TYPES)
+            held = stated is not None and stated.type not in ("", *ssp.REAL_TYPES)
             ports.append(Port(port, 1, (stated.unit if stated else "") or "1", f"column {name} of {entry}"))
             signals.append(SampledSignal(t, _column(table, name), "held" if held else "lines"))
             for lead in flat.leads:
-                if lead.start == Endpoint(path, name):
+                if lead.start == ssp.Endpoint(path, name):
                     spelled = stated.unit if stated else ""
                     by = f"{package.file}: the connection from {'.'.join(lead.start)} to {'.'.join(lead.end)}"
                     feeds.append(Feed(lead.end, f"{topic_name(path)}.{port}", by, spelled, lead.hops))

@@ -17,13 +17,9 @@ def foreign_package(
     values: Mapping[str, Sequence[ParameterValue]],
     unsaid: Sequence[str],
 ) -> Package:
-    """Make a package of a system file in another master's format (not SSP).
+    """Make a package of a system file in another master's format (not SSP), with ignored statements `unsaid`.
 
-    Args:
-        file, form, unsaid: attributes of the `Package`; `unsaid` are its omissions.
-        structure: system whose components have neither sources nor values.
-        fmus: FMU files by component.
-        values: parameter values by component.
+    Components of `structure` have neither sources nor values; these are `fmus` and `values`, by component.
     """
     paths = [*dict.fromkeys(fmus.values())]
     entries = dict(zip(paths, unique_names(f"resources/{path.name}" for path in paths), strict=True))

@@ -13,10 +13,8 @@ Graph = Mapping[str, Sequence[str]]
 class AlgebraicLoop:
     """A cycle of outputs and inputs that depend on each other at one instant.
 
-    Attributes:
-        path: one cycle, "a.y -> b.u -> b.y -> a.u", with the names of the system.
-        parts: names in the master, in step order.
-        silent: components that do not declare the dependencies of their outputs.
+    `path` is one cycle, "a.y -> b.u -> b.y -> a.u". `parts` are names in the master, in step order; `silent` the
+    components that do not declare the dependencies of their outputs.
     """
 
     path: str

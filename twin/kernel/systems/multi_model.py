@@ -14,16 +14,8 @@ from urllib.parse import unquote, urlparse
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import parse_json, read_bytes
+from twin.kernel.ssp import structure as ssp
 from twin.kernel.ssp.package import MAX_STRUCTURE_SIZE, Package
-from twin.kernel.ssp.structure import (
-    Connection,
-    DefaultExperiment,
-    Endpoint,
-    ParameterValue,
-    SspComponent,
-    SspSystem,
-    Structure,
-)
 from twin.kernel.systems.foreign import foreign_package
 from twin.kernel.systems.timing import step_notes
 
@@ -33,11 +25,7 @@ _NAME_PATTERN = re.compile(r"(?P<fmu>\{[^{}]*\})\.(?P<instance>[^.]+)\.(?P<varia
 
 
 def multi_model(file: Path) -> Package:
-    """Read the system of a Maestro multi-model; FMU paths are relative to its folder, else to the working directory.
-
-    Raises:
-        InputRefused: no such file, not a multi-model, or a missing FMU.
-    """
+    """Read the system of a Maestro multi-model; FMU paths are relative to its folder, else to the working directory."""
     where = f"{file}"
     content = parse_json(read_bytes(file, MAX_STRUCTURE_SIZE), where)
     if not isinstance(content, dict) or not isinstance(content.get("fmus"), dict) or not content["fmus"]:
@@ -50,8 +38,8 @@ def multi_model(file: Path) -> Package:
     ]
     parameters = _table(content, "parameters", where)
     reader = _InstanceNames(files, where, [*(end for pair in led for end in pair), *parameters])
-    wires = tuple(Connection(reader.end(start), reader.end(end)) for start, end in led)
-    values: dict[str, list[ParameterValue]] = {}
+    wires = tuple(ssp.Connection(reader.end(start), reader.end(end)) for start, end in led)
+    values: dict[str, list[ssp.ParameterValue]] = {}
     for name, value in parameters.items():
         end = reader.end(name)
         values.setdefault(end.element, []).append(_value(end.connector, value, f"{where}: {name}"))
@@ -63,22 +51,16 @@ def multi_model(file: Path) -> Package:
     unsaid += [f"FMUs without an instance: {', '.join(unused)}"] if unused else []
     given = {name: content.get(name) for name in ("startTime", "endTime")}
     start, stop = (None if one is None else _number(one, f"{where}: {name}") for name, one in given.items())
-    times = DefaultExperiment(start, stop, step_notes("org.into-cps", step))
-    system = SspSystem(file.stem, tuple(SspComponent(name, "") for name in fmus), wires)
-    structure = Structure(file.stem, system, "", experiment=times)
+    times = ssp.DefaultExperiment(start, stop, step_notes("org.into-cps", step))
+    system = ssp.SspSystem(file.stem, tuple(ssp.SspComponent(name, "") for name in fmus), wires)
+    structure = ssp.Structure(file.stem, system, "", experiment=times)
     return foreign_package(file, FORM_NAME, structure, fmus, values, unsaid)
 
 
 class _InstanceNames:
-    """Resolver of variable names in a multi-model, and its list of instances.
+    """Resolver of variable names in a multi-model (FMU files by key), and its list of instances.
 
-    Args:
-        files: FMU files by key.
-        where: prefix of error messages.
-        names: all variable names in the multi-model.
-
-    Attributes:
-        used: keys of FMUs that have an instance.
+    `names` are all variable names in it; `used` the keys of FMUs that have an instance.
     """
 
     def __init__(self, files: Mapping[str, Path], where: str, names: Sequence[Any]):
@@ -87,10 +69,10 @@ class _InstanceNames:
         self.used = {fmu for fmu, _ in self._found}
         self._same = Counter(instance for _, instance in self._found)
 
-    def end(self, text: Any) -> Endpoint:
+    def end(self, text: Any) -> ssp.Endpoint:
         """Return the (component, variable) of a multi-model's name {fmu}.instance.variable."""
         fmu, instance, variable = self._split_name(text)
-        return Endpoint(self._name(fmu, instance), variable)
+        return ssp.Endpoint(self._name(fmu, instance), variable)
 
     def parts(self) -> list[tuple[str, str]]:
         """Return (component, FMU key) of each instance in the multi-model, in the order of the FMUs."""
@@ -131,13 +113,13 @@ def _file(file: Path, key: str, source: Any) -> Path:
     return found
 
 
-def _value(name: str, value: Any, where: str) -> ParameterValue:
+def _value(name: str, value: Any, where: str) -> ssp.ParameterValue:
     if isinstance(value, bool):
-        return ParameterValue(name, "Boolean", (float(value),))
+        return ssp.ParameterValue(name, "Boolean", (float(value),))
     if isinstance(value, int | float) and math.isfinite(value):
-        return ParameterValue(name, "Real", (float(value),))
+        return ssp.ParameterValue(name, "Real", (float(value),))
     if isinstance(value, str):
-        return ParameterValue(name, "String", (value,))
+        return ssp.ParameterValue(name, "String", (value,))
     raise InputRefused(f"{where} = {value!r}; expected a number, true, false or text")
 
 

@@ -30,15 +30,9 @@ def open_system(
     additions: Additions = Additions(),  # noqa: B008, it is frozen
     beside: SystemExtras = SystemExtras(),  # noqa: B008, likewise
 ) -> Iterator[tuple[SystemPlan, PreparedSystem]]:
-    """Plan and couple the co-simulation system of a package; free it at the end of the block.
+    """Plan and couple a package's system, with `additions` and components `beside` FMUs; free it after the block.
 
-    Args:
-        compiled: whether FMUs without a binary for this platform are built from source.
-        additions: values, inputs over time, and signals to record.
-        beside: components other than FMUs, in addition to those in `additions`.
-
-    Raises:
-        InputRefused: the system cannot be run.
+    `compiled`: whether FMUs without a binary for this platform are built from source.
     """
     with scratch_folder(package) as scratch:
         try:
@@ -80,16 +74,9 @@ def _make_plan(
 def extract_fmus(
     package: Package, flat: FlatSystem, scratch: Path, compiled: bool = False
 ) -> tuple[dict[str, Path], SystemNames]:
-    """Extract the FMUs of a system package to the folder `scratch`.
+    """Extract a package's FMUs to the folder `scratch`; return (FMU files by entry, names of the system).
 
-    Args:
-        compiled: see `open_system`.
-
-    Returns:
-        (FMU files by entry, names of the system).
-
-    Raises:
-        InputRefused: a component is not an FMU of the archive, or cannot be compiled.
+    `compiled` is as of `open_system`.
     """
     files: dict[str, Path] = {}
     entries = fmu_sources(package, flat)

@@ -22,7 +22,7 @@ from twin.kernel.fmi.variable import (
 from twin.kernel.recording.writer import EVENTS_TOPIC
 from twin.kernel.ssp.flat import AssignedValue, FlatSystem, Lead, UnitStep
 from twin.kernel.ssp.package import Package
-from twin.kernel.ssp.structure import FMU_TYPE, REAL_TYPES, Connector, Endpoint
+from twin.kernel.ssp.structure import FMU_TYPE, REAL_TYPES, Connector, Endpoint, Implementation
 from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.extras import Feed, SystemExtras
 from twin.kernel.systems.naming import (
@@ -35,16 +35,15 @@ from twin.kernel.systems.naming import (
     unique_names,
 )
 from twin.kernel.systems.timing import Timing, step_order, timing
-from twin.kernel.systems.unit_conversion import ParsedUnit, connection_map, parse_unit, unit_of_variable
+from twin.kernel.systems.unit_conversion import connection_map, parse_unit, unit_of_variable
 
 MAX_HINT_NAMES = 1000
 """Maximum number of names that are searched for a suggestion."""
-IMPLEMENTATION_KINDS: Mapping[str, Kind | None] = {
+IMPLEMENTATION_KINDS: Mapping[Implementation, Kind | None] = {
     "any": None,
     "CoSimulation": "co_simulation",
     "ModelExchange": "model_exchange",
 }
-"""Kind of FMU by its name in an SSP structure."""
 SETTABLE_CAUSALITIES = ("parameter", "structuralParameter", "input")
 STARTING_INITIALS = ("exact", "approx")
 """Variables that can be set before a run: these causalities, or an own start value (SSP 1.0, 5.3.5)."""
@@ -52,17 +51,11 @@ STARTING_INITIALS = ("exact", "approx")
 
 @dataclass(frozen=True)
 class SystemPart:
-    """An FMU component of a planned system.
+    """An FMU component of a planned system: its path there, its name in the master and of its topic.
 
-    Attributes:
-        path: name in the system.
-        name: name in the master, and of its topic.
-        description: FMU description, with parameters that size arrays applied.
-        inputs: connected inputs, scaled for their sources.
-        outputs: recorded outputs, then outputs that are only read, unscaled.
-        recorded: number of recorded outputs.
-        settings: values of parameters and inputs before initialisation.
-        unfed: inputs without a source.
+    Parameters that size arrays are applied to the description. Connected inputs are scaled for their sources, outputs
+    are not. The first `recorded` outputs are recorded, others only read. `settings` are values before initialisation,
+    and `unfed` inputs have no source.
     """
 
     path: str
@@ -77,19 +70,11 @@ class SystemPart:
 
 @dataclass(frozen=True)
 class SystemPlan:
-    """A checked co-simulation system, ready to be coupled.
+    """A checked co-simulation system, ready to be coupled, with parts in step order.
 
-    Attributes:
-        package: its origin.
-        parts: in step order.
-        wires: (output, input) in the master, "part.port" each.
-        timing: start, end and steps of the run.
-        choice: options of the master.
-        ignored: names with values that match no variable.
-        forgiven: accepted violations of files.
-        extras: components other than FMUs.
-        overruled: settings and SSV parameters of inputs that connections feed.
-        unreadable: local variables that their FMU does not return; they are not recorded.
+    Wires are (output, input) in the master, "part.port" each. `ignored` are names with values that match no variable,
+    `forgiven` accepted violations of files, `overruled` settings and SSV parameters of inputs that connections feed,
+    `unreadable` local variables that their FMU does not return, and that are not recorded.
     """
 
     package: Package
@@ -110,10 +95,7 @@ class SystemPlan:
 
     @property
     def delayed_connections(self) -> list[tuple[str, str]]:
-        """Connections that carry values from the start of the step: (output, input) with the names of the system.
-
-        All in Jacobi order; in Gauss-Seidel order, those against the step order.
-        """
+        """(Output, input) that carry values from the step's start: in Gauss-Seidel those against its order."""
         order = {part.name: number for number, part in enumerate(self.parts)}
         outputs, inputs = (
             {
@@ -133,11 +115,7 @@ class SystemPlan:
 
 
 def fmu_sources(package: Package, flat: FlatSystem) -> dict[str, str]:
-    """Return the archive entry of each component's FMU, by component path.
-
-    Raises:
-        InputRefused: no component, or a component that is not an FMU of the archive.
-    """
+    """Return the archive entry of each component's FMU, by component path."""
     if not flat.components:
         raise InputRefused(f"{package.file}: a system without components; expected at least one")
     found = {}
@@ -167,16 +145,8 @@ def plan_system(
 ) -> SystemPlan:
     """Plan a co-simulation system: choose FMU kinds, check connections, and convert units and values.
 
-    Args:
-        files: FMU files by entry.
-        choice: options of the master.
-        beside: components other than FMUs.
-        patterns: name patterns of the signals to record; empty for all outputs and all sources of connections.
-        when: times and steps; None to determine them by `timing`.
-
-    Raises:
-        InputRefused: an invalid FMU, connection or value, an input without a value or without a sample in the run, or a
-            step size or end time that is stated nowhere.
+    `files` are FMUs by entry, `beside` components other than FMUs. `patterns` name the signals to record: all outputs
+    and all sources of connections by default. Without `when`, `timing` determines times and steps.
     """
     choice.refuse_unknown(flat.components, f"{package.file}")
     reader = _Planner(package, flat, files, choice, beside, patterns)
@@ -200,7 +170,7 @@ def plan_system(
 
 
 def _choose_kind(
-    file: Path, stated: str, path: str, choice: MasterChoice, read: Callable[..., FmuDescription]
+    file: Path, stated: Implementation, path: str, choice: MasterChoice, read: Callable[..., FmuDescription]
 ) -> FmuDescription:
     """Describe a component's FMU as the kind chosen by name, else stated in the file, else chosen for all."""
     usual = read(file)
@@ -217,12 +187,7 @@ def _choose_kind(
 
 
 class _Planner:
-    """Planner of a system's FMU components and wires.
-
-    Attributes:
-        ignored: names with values that match no variable of their FMU.
-        forgiven: accepted violations.
-    """
+    """Planner of a system's FMU components and wires."""
 
     def __init__(
         self,
@@ -335,9 +300,7 @@ class _Planner:
                 raise InputRefused(f"{where}: a transformation of text, which is not supported")
             return values[0] if len(values) == 1 else [str(value) for value in values]
         own = unit_of_variable(variable.unit, self._connector(path, variable.name), self._units, description, where)
-        start = parse_unit(self._unit(assigned.value.unit, where), (*assigned.units, *self._units))
-        if start.text and start.conversion is None:
-            start = ParsedUnit(start.text, conversion(start.text, description.model.unitDefinitions))
+        start = parse_unit(self._unit(assigned.value.unit, where), (*assigned.units, *self._units), description)
         led = connection_map(start, self._hops(assigned.hops or (UnitStep(),), where), own, self._units, where)
         for value in values:
             # check the exact integer, which a double would round
@@ -443,13 +406,10 @@ class _Planner:
                 others = (one.by for one in self._beside.feeds if one.source == source)
                 by = next(others, "") if isinstance(source, str) else f"the connection from {'.'.join(source)}"
                 raise InputRefused(f"{feed.by}: {path}.{name} is fed already, by {by}; remove one of both")
-        own = unit_of_variable(end.unit, self._connector(path, name), self._units, self._descriptions[path], feed.by)
-        start = own
-        if feed.unit and feed.unit != own.text:
-            start = parse_unit(feed.unit, self._units)
-            if start.conversion is None:
-                units = self._descriptions[path].model.unitDefinitions
-                start = ParsedUnit(feed.unit, conversion(feed.unit, units))
+        description = self._descriptions[path]
+        own = unit_of_variable(end.unit, self._connector(path, name), self._units, description, feed.by)
+        other = feed.unit and feed.unit != own.text
+        start = parse_unit(feed.unit, self._units, description) if other else own
         led = connection_map(start, self._hops(feed.hops or (UnitStep(),), feed.by), own, self._units, feed.by)
         return FmuPort(port_of(end, path), end, led.gain, led.shift)
 

@@ -15,11 +15,7 @@ EXPECTED_FILES = "an SSP archive, an FMU, an OspSystemStructure.xml or a multi-m
 
 
 def read_system(file: Path) -> Package:
-    """Read a system from an SSP archive, an FMU, an OspSystemStructure.xml (or its folder) or a Maestro multi-model.
-
-    Raises:
-        InputRefused: no such file, or an invalid one.
-    """
+    """Read a system from an SSP archive, an FMU, an OspSystemStructure.xml (or its folder) or a Maestro multi-model."""
     if os.path.isdir(file) and os.path.isfile(file / OSP_FILE):
         file = file / OSP_FILE
     # unlike Path.is_file, os.path.isfile does not raise for a name that is too long

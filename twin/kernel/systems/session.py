@@ -25,16 +25,8 @@ from twin.kernel.fmi.description import described
 from twin.kernel.fmi.variable import MAX_EXACT, Value, Variable, setting_value
 from twin.kernel.recording.messages import FIELD_NAME
 from twin.kernel.recording.writer import EVENTS_TOPIC
+from twin.kernel.ssp import structure as ssp
 from twin.kernel.ssp.package import loose_package
-from twin.kernel.ssp.structure import (
-    Connection,
-    DefaultExperiment,
-    Endpoint,
-    SspComponent,
-    SspSystem,
-    Structure,
-    Transformation,
-)
 from twin.kernel.systems.additions import Additions, setting_text
 from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.coupling import PreparedSystem
@@ -68,11 +60,7 @@ class ObservedSeries:
         return self._tick * np.arange(self._first, self._next)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Return the values of an observed signal, shape (n,) or (n, size).
-
-        Raises:
-            InputRefused: the signal is not observed.
-        """
+        """Return the values of a signal, shape (n,) or (n, size); InputRefused if it is not observed."""
         if name not in self._columns:
             raise InputRefused(f"'{name}' is not observed; {nearest(name, self._columns, 'it has {}')}")
         place = self._columns[name]
@@ -94,13 +82,11 @@ class ObservedSeries:
 
 
 class Cosimulation:
-    """A co-simulation of FMUs and Python components.
+    """A co-simulation of FMUs and Python components, until `stop` (s) at the latest, which is also passed to FMUs.
 
-    Args:
-        tick: step size (s); None for the step size of the file read, or the shortest that an FMU states.
-        stop: latest end of the run (s); also passed to the FMUs.
-        scheme: "gauss_seidel": components step in load order, each with the newest values of those before it; "jacobi":
-            all use the values from the start of the step.
+    `tick` is the step size (s); None for the step size of the file read, or the shortest that an FMU states. In the
+    `scheme` "gauss_seidel" components step in load order, each with the newest values of those before it; in "jacobi"
+    all use the values from the start of the step.
     """
 
     def __init__(self, tick: float | None = None, stop: float | None = None, scheme: Scheme | None = None):
@@ -108,7 +94,7 @@ class Cosimulation:
         self._files: dict[str, Path] = {}
         self._others: dict[str, Component] = {}
         self._order: list[str] = []
-        self._wires: list[tuple[str, str, Transformation]] = []
+        self._wires: list[tuple[str, str, ssp.Transformation]] = []
         self._settings: dict[str, str] = {}
         self._inputs: list[str] = []
         self._system: Path | None = None
@@ -120,26 +106,17 @@ class Cosimulation:
     def read(
         cls, file: str | Path, tick: float | None = None, stop: float | None = None, scheme: Scheme | None = None
     ) -> Self:
-        """Open the system of a file, like `twin cosim`; further arguments as of the class.
-
-        Raises:
-            InputRefused: no such file, or an invalid one.
-        """
+        """Open a file's system, like `twin cosim`; arguments as of the class. InputRefused if missing or invalid."""
         made = cls(tick, stop, scheme)
         made._system = Path(file)
         read_system(made._system)
         return made
 
     def load(self, name: str, fmu: str | Path, start: Mapping[str, Value] | None = None, **more: Value) -> None:
-        """Add an FMU to the system.
+        """Add an FMU as the component `name`: letters, digits and _.
 
-        Args:
-            name: component name of letters, digits and _.
-            start: values of parameters and inputs before initialisation, in the FMU's units.
-            more: further values.
-
-        Raises:
-            InputRefused: an invalid FMU, or a name in use. An invalid value is refused at the first step.
+        `start` and `more` are values of parameters and inputs before initialisation, in the FMU's units. InputRefused:
+        an invalid FMU, or a name in use; an invalid value is refused at the first step.
         """
         self._register_name(name)
         described(Path(fmu))
@@ -150,15 +127,10 @@ class Cosimulation:
     def add(
         self, name: str, model: PythonModel | Component, period: int = 1, initial: Sequence[float] | None = None
     ) -> None:
-        """Add a component that is not an FMU to the system.
+        """Add a component that is not an FMU, with a step of `period` ticks.
 
-        Args:
-            model: an object with `inputs`, `outputs`, `sampled` and `step(t, h, u, y)`; or a `Component`.
-            period: step of the component (ticks).
-            initial: outputs before the first step; None for zeros.
-
-        Raises:
-            InputRefused: the name is in use.
+        `model` has `inputs`, `outputs`, `sampled` and `step(t, h, u, y)`, or is a `Component`. `initial` are its
+        outputs before the first step, None for zeros. InputRefused: the name is in use.
         """
         self._register_name(name)
         if isinstance(model, Component):
@@ -170,22 +142,15 @@ class Cosimulation:
     def wire(self, output: str, input: str, factor: float = 1.0, offset: float = 0.0) -> None:
         """Connect "component.output" with "component.input", with unit conversion.
 
-        Args:
-            output: source of the value.
-            input: target of the value.
-            factor, offset: the input gets factor * value + offset; only between FMUs.
-
-        Raises:
-            InputRefused: the system is already running.
+        The input gets factor * value + offset; only between FMUs. InputRefused: the system is already running.
         """
         self._refuse_running("wires")
-        self._wires.append((output, input, Transformation(factor, offset)))
+        self._wires.append((output, input, ssp.Transformation(factor, offset)))
 
     def feed(self, input: str, signal: str) -> None:
         """Connect an input to a signal over time: an expression, `FILE.csv:COLUMN` or `RUN.mcap:SIGNAL`.
 
-        Raises:
-            InputRefused: the system is already running. An invalid signal is refused at the first step.
+        InputRefused: the system is already running. An invalid signal is refused at the first step.
         """
         self._refuse_running("signals")
         self._inputs.append(f"{input}={signal}")
@@ -193,9 +158,8 @@ class Cosimulation:
     def step(self, ticks: int = 1) -> None:
         """Advance by a number of ticks; the first call initialises the system.
 
-        Raises:
-            InputRefused: the system cannot be set up, or the steps exceed `stop`.
-            ComponentFailed: a component failed; rows observed until then are kept.
+        InputRefused: the system cannot be set up, or the steps exceed `stop`; ComponentFailed: a component failed,
+        observed rows until then are kept.
         """
         _, _, simulation = self._running_parts()
         if ticks < 1 or simulation.next_tick + ticks > simulation.last_tick + 1:
@@ -215,11 +179,9 @@ class Cosimulation:
         return min(simulation.next_tick, simulation.last_tick) * plan.timing.tick
 
     def get(self, name: str) -> float | np.ndarray:
-        """Read the present value of "component.variable" in the FMU's own unit: a number, or (size,) for an array.
+        """Read the value of "component.variable" in the FMU's own unit: a number, or (size,) for an array.
 
-        Raises:
-            InputRefused: no such variable, or not a number.
-            ComponentFailed: the FMU does not return the value.
+        InputRefused: no such variable, or not a number. ComponentFailed: the FMU does not return the value.
         """
         component, variable = self._place(name)
         simulation = self._running_parts()[2]
@@ -242,11 +204,8 @@ class Cosimulation:
         """Set the variable "component.variable"; the value remains until the next call.
 
         Before the first step, parameters, inputs and variables with a start value can be set; later, inputs without a
-        source and tunable parameters.
-
-        Raises:
-            InputRefused: it cannot be set, or not to this value.
-            ComponentFailed: the FMU refuses the value.
+        source and tunable parameters. InputRefused: it cannot be set, or not to this value. ComponentFailed: the FMU
+        refuses it.
         """
         if self._running is None:
             self._settings[name] = setting_text(value)
@@ -266,8 +225,7 @@ class Cosimulation:
     def observe(self, *patterns: str) -> ObservedSeries:
         """Record outputs that match one of `patterns` (all without patterns) from now on, one row per completed tick.
 
-        Raises:
-            InputRefused: a pattern matches no output.
+        InputRefused if a pattern matches no output.
         """
         _, made, _ = self._running_parts()
         known = {name: place for component in made.system.components
@@ -290,18 +248,14 @@ class Cosimulation:
     def state(self) -> SystemState:
         """Save the present state, for `restore`.
 
-        Raises:
-            InputRefused: a component cannot save its state.
-            ComponentFailed: an FMU refuses.
+        InputRefused: a component cannot save its state. ComponentFailed: an FMU refuses.
         """
         return self._running_parts()[2].state()
 
     def restore(self, state: SystemState | SavedState) -> None:
         """Restore a saved state; observed rows after it are replaced as the system advances again.
 
-        Raises:
-            InputRefused: the state is of another system.
-            ComponentFailed: an FMU refuses.
+        InputRefused: the state is of another system. ComponentFailed: an FMU refuses.
         """
         self._running_parts()[2].restore(state)
 
@@ -330,7 +284,6 @@ class Cosimulation:
                 raise simulation.failure
 
     def _running_parts(self) -> tuple[SystemPlan, PreparedSystem, Simulation]:
-        """Return plan, prepared system and simulation, created by the first call."""
         if self._running is None:
             additions = Additions([f"{name}={text}" for name, text in self._settings.items()], inputs=self._inputs)
             if self._system is not None:
@@ -342,7 +295,8 @@ class Cosimulation:
             else:
                 if self._stop is None:
                     raise InputRefused("Cosimulation: no end is given; expected stop=SECONDS")
-                package = loose_package(Path(FORM_NAME), self._structure(), self._entries(), FORM_NAME)
+                entries = {f"{name}.fmu": file for name, file in self._files.items()}
+                package = loose_package(Path(FORM_NAME), self._structure(), entries, FORM_NAME)
                 beside = self._extras()
             plan, made = self._open.enter_context(
                 open_system(package, MasterChoice(self._tick, None, self._stop, self._scheme), False, additions, beside)
@@ -350,18 +304,15 @@ class Cosimulation:
             self._running = plan, made, Simulation(made.system, plan.timing.ticks)
         return self._running
 
-    def _entries(self) -> dict[str, Path]:
-        return {f"{name}.fmu": file for name, file in self._files.items()}
-
-    def _structure(self) -> Structure:
-        parts = tuple(SspComponent(name, f"{name}.fmu") for name in self._files)
+    def _structure(self) -> ssp.Structure:
+        parts = tuple(ssp.SspComponent(name, f"{name}.fmu") for name in self._files)
         connections = tuple(
-            Connection(start, end, line)
+            ssp.Connection(start, end, line)
             for start, end, line in ((self._end(a), self._end(b), line) for a, b, line in self._wires)
             if start.element in self._files and end.element in self._files
         )
-        return Structure(
-            FORM_NAME, SspSystem(FORM_NAME, parts, connections), experiment=DefaultExperiment(stop=self._stop)
+        return ssp.Structure(
+            FORM_NAME, ssp.SspSystem(FORM_NAME, parts, connections), experiment=ssp.DefaultExperiment(stop=self._stop)
         )
 
     def _extras(self) -> SystemExtras:
@@ -371,7 +322,7 @@ class Cosimulation:
             inside = [one.element in self._files for one in (start, end)]
             if all(inside):
                 continue
-            if line != Transformation():
+            if line != ssp.Transformation():
                 raise InputRefused(
                     f"the wire from {output} to {input}: a factor or an offset is supported between FMUs only; "
                     "apply it in the Python component"
@@ -389,7 +340,7 @@ class Cosimulation:
         order = [*([INPUTS_TOPIC] if self._inputs else []), *self._order]
         return SystemExtras(tuple(self._others.values()), tuple(feeds), tuple(drains), tuple(wires), tuple(order))
 
-    def _refuse_units(self, start: Endpoint, unit: str, output: str, input: str) -> None:
+    def _refuse_units(self, start: ssp.Endpoint, unit: str, output: str, input: str) -> None:
         """Refuse a wire to a port with another unit, as FMU outputs are passed on in the FMU's own unit."""
         variable = described(self._files[start.element]).variables.get(start.connector)
         if variable is not None and unit not in ("1", variable.unit):
@@ -398,13 +349,13 @@ class Cosimulation:
                 "the FMU gives: declare that unit"
             )
 
-    def _end(self, name: str) -> Endpoint:
+    def _end(self, name: str) -> ssp.Endpoint:
         component, _, variable = name.partition(".")
         if component not in self._order or not variable:
             raise InputRefused(f"'{name}': no such component; {nearest(component, self._order)}")
-        return Endpoint(component, variable)
+        return ssp.Endpoint(component, variable)
 
-    def _port(self, end: Endpoint, side: str) -> Any:
+    def _port(self, end: ssp.Endpoint, side: str) -> Any:
         match = _PORT_PATTERN.fullmatch(end.connector)
         ports = {port.name: port for port in getattr(self._others[end.element], side)}
         name = match["name"] if match else end.connector

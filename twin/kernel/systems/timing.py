@@ -29,15 +29,10 @@ def step_notes(type_: str, step: float | None) -> tuple[Annotation, ...]:
 
 
 class Timing(NamedTuple):
-    """Start, end and step sizes of a co-simulation run.
+    """Step size `tick` (s), first and last tick of a run (0 if unknown; no step follows), and their origins.
 
-    Attributes:
-        tick: step size (s).
-        source: origin of the step size.
-        first, ticks: first and last tick of the run; no step follows the last one. 0 if unknown.
-        stop_source: origin of the end time; "" for the system or the user.
-        periods: step of each component (ticks).
-        rounded: note on a step size changed to divide the run; "" if unchanged.
+    `stop_source` is "" for the system or the user. `periods` are the components' steps (ticks). `rounded` notes a step
+    size changed to divide the run, "" if unchanged.
     """
 
     tick: float
@@ -57,15 +52,7 @@ class Timing(NamedTuple):
 def timing(
     package: Package, flat: FlatSystem, descriptions: Mapping[str, FmuDescription], choice: MasterChoice
 ) -> Timing:
-    """Determine start, end and step sizes of a run from the user's options, else the system, else its FMUs.
-
-    Args:
-        descriptions: FMU descriptions by component.
-
-    Raises:
-        InputRefused: a value is stated nowhere (the message names all of them), or start or end is not a multiple of a
-            component's step.
-    """
+    """Determine start, end and step sizes of a run from the user's options, else the system, else its FMUs."""
     steps = _steps(package, flat, choice)
     length, source = (
         (choice.tick, "--tick-ms") if choice.tick is not None else _structure_step(package, descriptions, steps)
@@ -114,19 +101,10 @@ def timing(
 def timing_inside(
     package: Package, flat: FlatSystem, descriptions: Mapping[str, FmuDescription], tick: float, every: int, ticks: int
 ) -> Timing:
-    """Determine the step sizes of a system that is a component of another system, starting at 0 s.
+    """Determine the step sizes of a system inside a component of another system, starting at 0 s.
 
     The step of a component is its annotation, else the annotation of the structure, else one step of the enclosing
-    component.
-
-    Args:
-        descriptions: FMU descriptions by component.
-        tick: step size of the enclosing system (s).
-        every: ticks in a step of the enclosing component.
-        ticks: duration of the run (ticks); 0 if unknown.
-
-    Raises:
-        InputRefused: a component's step is not a whole number of ticks.
+    component: `every` ticks of `tick` s. The run has `ticks`, 0 if unknown.
     """
     own = _steps(package, flat, MasterChoice())
     length, source = _annotation_step(package)
@@ -146,11 +124,7 @@ def _round_step(step: float) -> float:
 
 
 def step_order(package: Package, flat: FlatSystem, choice: MasterChoice) -> list[str]:
-    """Return a system's components in step order: the user's, else the annotated, else the file's.
-
-    Raises:
-        InputRefused: the annotation names an unknown component.
-    """
+    """Return a system's components in step order: the user's, else the annotated, else the file's."""
     asked = list(choice.order) or list(_annotated_order(package, flat))
     return [*asked, *(path for path in flat.components if path not in asked)]
 
@@ -235,5 +209,4 @@ def _common_start(descriptions: Mapping[str, FmuDescription]) -> float:
 
 
 def _experiment(description: FmuDescription, name: str) -> float:
-    """Return a number of the FMU's DefaultExperiment, such as its stop time; NaN if not stated."""
     return parse_number(getattr(description.model.defaultExperiment, name, None))

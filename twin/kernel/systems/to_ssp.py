@@ -5,35 +5,16 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from twin.kernel.archive import read_entry, zip_bytes
-from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.variable import Variable
+from twin.kernel.ssp import structure as ssp
 from twin.kernel.ssp.package import MAX_FMU_SIZE, SCHEME_ANNOTATION
 from twin.kernel.ssp.ssd import structure_xml
-from twin.kernel.ssp.structure import (
-    INTEGER_TYPES,
-    REAL_TYPES,
-    STRUCTURE_FILE,
-    Annotation,
-    Connector,
-    ConnectorKind,
-    DefaultExperiment,
-    Implementation,
-    ParameterBinding,
-    ParameterSet,
-    ParameterValue,
-    SspComponent,
-    SspSystem,
-    Structure,
-)
-from twin.kernel.systems.plan import SystemPlan
+from twin.kernel.systems.plan import IMPLEMENTATION_KINDS, SystemPlan
 from twin.kernel.systems.timing import ORDER_ANNOTATION, step_notes
 
 STEP_ANNOTATION = "twin.step"
-IMPLEMENTATION_NAMES: Mapping[str, Implementation] = {
-    "co_simulation": "CoSimulation",
-    "model_exchange": "ModelExchange",
-}
+IMPLEMENTATION_NAMES = {kind: name for name, kind in IMPLEMENTATION_KINDS.items() if kind}
 
 
 def ssp_archive(plan: SystemPlan) -> bytes:
@@ -41,9 +22,6 @@ def ssp_archive(plan: SystemPlan) -> bytes:
 
     The user's values, steps, times, kinds and step order are included. SSP does not define step size, step order and
     coupling scheme; these are annotations, which `twin cosim` reads.
-
-    Raises:
-        InputRefused: the system has input signals, which SSP cannot express.
     """
     package = plan.package
     fed = [feed for feed in plan.extras.feeds if feed.by.startswith("--input")]
@@ -52,7 +30,9 @@ def ssp_archive(plan: SystemPlan) -> bytes:
     parts = {part.path: part for part in plan.parts}
     root = package.structure.system
     values = [
-        ParameterBinding(ParameterSet("set", tuple(_value(f"{path}.{v.name}", v, value) for v, value in part.settings)))
+        ssp.ParameterBinding(
+            ssp.ParameterSet("set", tuple(_value(f"{path}.{v.name}", v, value) for v, value in part.settings))
+        )
         for path, part in parts.items()
         if part.settings
     ]
@@ -63,10 +43,10 @@ def ssp_archive(plan: SystemPlan) -> bytes:
     system = replace(
         _complete_components(root, "", connectors, kinds, steps),
         bindings=(*root.bindings, *values),
-        annotations=(*_foreign_annotations(root.annotations), *_annotations(plan, plan.scheme, timing.tick)),
+        annotations=(*_foreign_annotations(root.annotations), *_annotations(plan)),
     )
-    experiment = DefaultExperiment(timing.first * timing.tick, timing.ticks * timing.tick)
-    whole = Structure(
+    experiment = ssp.DefaultExperiment(timing.first * timing.tick, timing.ticks * timing.tick)
+    whole = ssp.Structure(
         package.structure.name or system.name,
         system,
         units=package.structure.units,
@@ -74,14 +54,14 @@ def ssp_archive(plan: SystemPlan) -> bytes:
         experiment=experiment,
         metadata=package.structure.metadata,
     )
-    entries = {STRUCTURE_FILE: structure_xml(whole)}
+    entries = {ssp.STRUCTURE_FILE: structure_xml(whole)}
     for entry in package.entries:
-        if entry != STRUCTURE_FILE and not entry.endswith("/"):
+        if entry != ssp.STRUCTURE_FILE and not entry.endswith("/"):
             entries[entry] = package.content(entry) if package.loose else read_entry(package.file, entry, MAX_FMU_SIZE)
     return zip_bytes(entries)
 
 
-def _foreign_annotations(annotations: Iterable[Annotation]) -> tuple[Annotation, ...]:
+def _foreign_annotations(annotations: Iterable[ssp.Annotation]) -> tuple[ssp.Annotation, ...]:
     """Drop SSP annotations that are written again, and step annotations of other tools."""
     return tuple(
         one
@@ -90,60 +70,55 @@ def _foreign_annotations(annotations: Iterable[Annotation]) -> tuple[Annotation,
     )
 
 
-def _annotations(plan: SystemPlan, scheme: Scheme, tick: float) -> list[Annotation]:
+def _annotations(plan: SystemPlan) -> list[ssp.Annotation]:
     order = ET.Element("order")
     for part in plan.parts:
         ET.SubElement(order, "component", name=part.path)
     return [
-        *step_notes(STEP_ANNOTATION, tick),
-        Annotation(SCHEME_ANNOTATION, f'<scheme name="{scheme}" />'),
-        Annotation(ORDER_ANNOTATION, ET.tostring(order, encoding="unicode")),
+        *step_notes(STEP_ANNOTATION, plan.timing.tick),
+        ssp.Annotation(SCHEME_ANNOTATION, f'<scheme name="{plan.scheme}" />'),
+        ssp.Annotation(ORDER_ANNOTATION, ET.tostring(order, encoding="unicode")),
     ]
 
 
-def _value(name: str, variable: Variable, value: object) -> ParameterValue:
-    """Convert the value of an FMU setting to an SSP parameter value in the FMU's unit."""
+def _value(name: str, variable: Variable, value: object) -> ssp.ParameterValue:
     if isinstance(value, list):
         if len(value) != 1 or not isinstance(value[0], str):
             raise InputRefused(f"{name}: arrays of text and bytes cannot be written as SSP 1.0")
-        return ParameterValue(name, "String", (value[0],))
+        return ssp.ParameterValue(name, "String", (value[0],))
     if not isinstance(value, float | int):
         raise InputRefused(f"{name}: an array, which SSP 1.0 does not have")
-    return ParameterValue(name, _type(variable), (float(value),))
+    return ssp.ParameterValue(name, _type(variable), (float(value),))
 
 
 def _type(variable: Variable) -> str:
-    if variable.type in REAL_TYPES:
-        return "Real"
-    return "Integer" if variable.type in (*INTEGER_TYPES, "Enumeration") else variable.type
+    return "Integer" if variable.type == "Enumeration" else _ssp_1_type(variable.type)
 
 
-def _connectors(plan: SystemPlan) -> dict[str, list[Connector]]:
-    """Return the SSP connectors that connections need, by component."""
-    found: dict[str, list[Connector]] = {}
+def _connectors(plan: SystemPlan) -> dict[str, list[ssp.Connector]]:
+    found: dict[str, list[ssp.Connector]] = {}
     for part in plan.parts:
         ports = [port.variable for port in (*part.inputs, *part.outputs)]
         for variable in dict.fromkeys(ports):
             if variable.dimensions:
                 raise InputRefused(f"{part.path}.{variable.name}: an array, which SSP 1.0 does not have")
-            kind: ConnectorKind = "input" if variable.causality == "input" else "output"
+            kind: ssp.ConnectorKind = "input" if variable.causality == "input" else "output"
             if variable.causality in ("input", "output", "local"):
-                found.setdefault(part.path, []).append(Connector(variable.name, kind, _type(variable)))
+                found.setdefault(part.path, []).append(ssp.Connector(variable.name, kind, _type(variable)))
     return found
 
 
 def _complete_components(
-    system: SspSystem,
+    system: ssp.SspSystem,
     path: str,
-    connectors: Mapping[str, list[Connector]],
-    kinds: Mapping[str, Implementation],
+    connectors: Mapping[str, list[ssp.Connector]],
+    kinds: Mapping[str, ssp.Implementation],
     steps: Mapping[str, float],
-) -> SspSystem:
-    """Add missing SSP connectors and the kind in use to the components of `system`."""
-    elements: list[SspComponent | SspSystem] = []
+) -> ssp.SspSystem:
+    elements: list[ssp.SspComponent | ssp.SspSystem] = []
     for one in system.elements:
         below = f"{path}.{one.name}" if path else one.name
-        if isinstance(one, SspSystem):
+        if isinstance(one, ssp.SspSystem):
             elements.append(_complete_components(one, below, connectors, kinds, steps))
             continue
         more = [new for new in connectors.get(below, ()) if new.name not in one.connector_of]
@@ -160,5 +135,4 @@ def _complete_components(
 
 
 def _ssp_1_type(type_: str) -> str:
-    """Convert a connector type of SSP 2.0 to the type of SSP 1.0."""
-    return "Real" if type_ in REAL_TYPES else "Integer" if type_ in INTEGER_TYPES else type_
+    return "Real" if type_ in ssp.REAL_TYPES else "Integer" if type_ in ssp.INTEGER_TYPES else type_

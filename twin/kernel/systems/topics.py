@@ -20,11 +20,7 @@ def streams(plan: SystemPlan, made: PreparedSystem) -> list[RowStream]:
 
 
 def topics(plan: SystemPlan) -> list[Topic]:
-    """Return the recording's topics for the outputs of a planned system.
-
-    Raises:
-        InputRefused: two components have names that a recording cannot distinguish.
-    """
+    """Return the recording's topics for the outputs of a planned system."""
     found = [Topic(one.name, port_fields(one.outputs), 1) for one in plan.extras.components if one.outputs]
     found += [Topic(part.name, tuple(_fields(part)), 1) for part in plan.parts if part.recorded]
     try:

@@ -43,11 +43,7 @@ def unit_of_variable(
     description: FmuDescription,
     where: str,
 ) -> ParsedUnit:
-    """Return the unit of an FMU variable from the FMU and from the connector that represents it.
-
-    Raises:
-        InputRefused: the two units differ.
-    """
+    """Return the unit of an FMU variable from the FMU and from the connector that represents it."""
     own = ParsedUnit(
         variable_unit, conversion(variable_unit, description.model.unitDefinitions) if variable_unit else None
     )
@@ -62,9 +58,12 @@ def unit_of_variable(
     return read
 
 
-def parse_unit(text: str, units: Sequence[UnitDefinition]) -> ParsedUnit:
-    """Look up a unit by its text among the definitions of an SSP file, then among the built-in units."""
-    return ParsedUnit(text, (defined_conversion(text, units) or si_conversion(text)) if text else None)
+def parse_unit(text: str, units: Sequence[UnitDefinition], fmu: FmuDescription | None = None) -> ParsedUnit:
+    """Look up a unit by its text in the definitions of an SSP file, the built-in units, and the units of `fmu`."""
+    found = (defined_conversion(text, units) or si_conversion(text)) if text else None
+    if text and found is None and fmu is not None:
+        found = conversion(text, fmu.model.unitDefinitions)
+    return ParsedUnit(text, found)
 
 
 def connection_map(
@@ -72,16 +71,7 @@ def connection_map(
 ) -> AffineMap:
     """Compose the conversions and transformations between two variables into one affine map.
 
-    Args:
-        start: unit of the source.
-        hops: conversions on the way.
-        end: unit of the target.
-        units: unit definitions of the structure, for connectors of systems on the way.
-        where: prefix of error messages.
-
-    Raises:
-        InputRefused: different dimensions, an unknown unit, a factor of 0, a gain beyond the range of a double, or a
-            transformation that is not linear.
+    `units` are the structure's definitions, for connectors of systems on the way.
     """
     found, here, hops = AffineMap(), start, list(hops)
     for count, (transformation, suppressed, unit) in enumerate(hops, start=1):

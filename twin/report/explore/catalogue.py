@@ -7,7 +7,7 @@ ends.
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args, get_origin
 
 from twin.kernel.errors import InputRefused, nearest
@@ -33,17 +33,16 @@ FIRST_KEYS = (
     "robot.joint_noise_deg",
     "robot.backlash_deg",
     "drive.parameters.droop",
-)  # Times of way points. They are changed together: the slider is a factor on the speed.
+)
 """Keys that are shown before any search."""
 PACE_KEY = "reference.t_s"
-"""Tables without effect on the curves."""
+"""Times of way points. They are changed together: the slider is a factor on the speed."""
 HIDDEN_TABLES = ("recording",)
-"""Minimum ratio of the declared bounds for a logarithmic slider."""
+"""Tables without effect on the curves."""
 LOG_SCALE_RATIO = 100.0
-"""A declared range whose ends are farther apart than this factor is one to be looked at on a logarithmic scale."""
-LINEAR_REACH = 4.0
-"""Undeclared end of a linear slider, as a multiple of the file's value."""
-LOG_REACH = 10.0
+"""Minimum ratio of the declared bounds for a logarithmic slider."""
+LINEAR_REACH, LOG_REACH = 4.0, 10.0
+"""Undeclared end of a linear and of a logarithmic slider, as a multiple of the file's value."""
 UNBOUNDED_REACH = 0.5
 """Reach of an unbounded slider to both sides, as a share of the file's value."""
 DEFAULT_HIGHS = {"deg": 1.0, "ms": 20.0, "N m": 0.1, "mm": 10.0, "s": 5.0, "Hz": 20.0, "rad/s": 1.0, "N": 5.0}
@@ -56,19 +55,10 @@ Kind = Literal["number", "whole", "choice", "switch", "pace"]
 
 @dataclass(frozen=True)
 class Slider:
-    """A key of the experiment that the explorer can change, with the range of its slider.
+    """A key of the experiment that the explorer can change, dotted as for --set, with the range of its slider.
 
-    Attributes:
-        key: dotted key, as in the file and for --set.
-        unit: unit of its value; "" without one.
-        help: meaning, one phrase.
-        value: value in the experiment's file; None if missing.
-        default: default value; None without one.
-        low: lower end of the slider.
-        high: upper end of the slider.
-        log: whether the slider is logarithmic.
-        choices: values of a choice.
-        first: position among the keys shown before any search; None for the others.
+    `value` is the value in the file, None if missing. Without a default, `default` is None. `first` is the position
+    among the keys shown before any search, None for the others. The unit is "" without one.
     """
 
     key: str
@@ -82,11 +72,6 @@ class Slider:
     log: bool
     choices: tuple[Any, ...]
     first: int | None
-
-    @property
-    def to_dict(self) -> dict[str, Any]:
-        """The slider's fields as a JSON-serialisable mapping."""
-        return asdict(self)
 
 
 def sliders(experiment: Experiment) -> dict[str, Slider]:

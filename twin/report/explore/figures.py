@@ -26,7 +26,6 @@ from twin.studies.sweep.claims import COMPANION_SETTING, require_fig4_claims
 Figure = Literal["fig4", "fig5"]
 FORCE_CONTROL = 'controller.mode="force_position"'
 FIG5_SIGNALS = (*FIG5_SERIES, "monitor.tripped")
-"""Signals that the claims of Fig. 5 need."""
 
 
 def figure_of(experiment: Experiment) -> Figure | None:
@@ -53,8 +52,7 @@ def _imperfection_settings() -> tuple[str, ...]:
 def fig4_experiments(state: PageState) -> list[Experiment]:
     """Return the four experiments of the paper's Fig. 4, with the changes of `state` applied to each.
 
-    An explored file that is not among them replaces the first one, and the others are derived from it with the same
-    differences.
+    An explored file that is not among them replaces the first one, and the others differ from it as from that.
     """
     own = experiment_file(state.base.experiment).resolve()
     base = FIG4_EXPERIMENTS[0] if own in map(Path.resolve, map(experiment_file, FIG4_EXPERIMENTS)) else own
@@ -68,11 +66,7 @@ def fig4_experiments(state: PageState) -> list[Experiment]:
 
 
 def fig4_runs(state: PageState, known: tuple[Experiment, Trace] | None = None) -> Fig4Runs:
-    """Simulate the four experiments of the paper's Fig. 4 with the changes of `state`.
-
-    Args:
-        known: an experiment with its run, which is then reused.
-    """
+    """Simulate the experiments of the paper's Fig. 4 with the changes of `state`; a `known` run is reused."""
     own = known[0].values if known else None
     titled = {"title": own["title"]} if own else {}
     first, second, *others = [

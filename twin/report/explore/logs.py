@@ -76,11 +76,9 @@ def _log_path(name: Any) -> Path:
 
 
 def _view_of(log: Log, experiment: Experiment, shift: float) -> LogView:
-    """Convert a robot's log to a view for the panels, with every topic on one clock, and NaN in gaps.
+    """Convert a log, its times moved by `shift` (s), to a view, with all topics on one clock and NaN in gaps.
 
-    Args:
-        experiment: experiment of the robot, whose estimator computes position and force from the encoders' counts.
-        shift: time added to the log's times (s).
+    The estimator of the `experiment` computes position and force from the encoders' counts.
     """
     vectors = {name.partition("[")[0] for name in log.series if name.endswith("[0]")}
     series = {name: log[name] for name in log.series if not name.endswith("]")}
@@ -115,11 +113,7 @@ def _estimates(log: Log, experiment: Experiment) -> dict[str, LogSeries]:
 
 
 def log_run(ask: Mapping[str, Any], experiment: Experiment) -> tuple[PanelRun, str]:
-    """Read a robot's log for the panels, with the column map next to it if any; return it and notes on its file.
-
-    Args:
-        ask: "log", one of `known_logs`, and "shift_s"; untrusted.
-    """
+    """Read the log that `ask` names ("log", "shift_s"; untrusted) and a column map next to it; return it and notes."""
     path, shift = _log_path(ask.get("log")), ask.get("shift_s") or 0.0
     if not isinstance(shift, int | float) or isinstance(shift, bool) or not abs(shift) < MAX_SHIFT:
         raise InputRefused("shift_s: expected a time in s")

@@ -16,18 +16,14 @@ from twin.studies.analyse.operating_point import operating_points
 from twin.studies.analyse.text import decibels, loop_name, point_name
 
 CURVE_FREQUENCIES = 400
-"""Number of frequencies of a curve."""
 HZ_PER_RAD_S = 1.0 / (2.0 * np.pi)
 
 
 def loops(experiment: Experiment, chosen: int | None) -> dict[str, Any]:
-    """Analyse the control loops of an experiment at one operating point, JSON-serialisable.
+    """Analyse an experiment's control loops, without its faults, at one operating point, JSON-serialisable.
 
-    The block contains the frequencies (Hz), then the gain (dB) and the phase (deg) of each loop.
-
-    Args:
-        experiment: experiment; its faults are ignored.
-        chosen: number of the operating point; None for the last one in contact, or else the last.
+    The block contains the frequencies (Hz), then the gain (dB) and the phase (deg) of each loop. `chosen` is the number
+    of the point; None for the last one in contact, or else the last.
     """
     refuse_third_party_parts(experiment, "the loops", ("controller", "estimator"))
     if experiment.controller.force.schedule:

@@ -7,7 +7,7 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -27,9 +27,7 @@ from twin.robot.experiment.source import Source, apply_overrides, key_names, tom
 from twin.robot.paths import locate_file
 
 MAX_FAULTS = 8
-"""Maximum number of faults of one state."""
 MAX_KEYS = 200
-"""Maximum number of changed keys of one state."""
 SAVED_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 FAULT_BY_FIELD = {"k_s_share": "spring_softened", "slip": "belt_slip"}
 """Parameters of one joint, which no key sets -> kind of a fault from the start that sets them."""
@@ -38,14 +36,7 @@ CONTACT_KEY = "contact.stiffness_N_per_m"
 
 @dataclass(frozen=True)
 class PageBase:
-    """Command-line options of the explorer, equal for all its pages.
-
-    Attributes:
-        experiment: file or name, as given.
-        drive: --drive, as given.
-        body: --body, as given.
-        settings: --set options without a slider; they apply to every state.
-    """
+    """Command-line options of the explorer as given, equal for all pages; `settings` without a slider apply always."""
 
     experiment: str
     drive: str | None = None
@@ -69,13 +60,9 @@ class PageBase:
 
 @dataclass(frozen=True)
 class PageState:
-    """State of an explorer page, checked: chosen drive and body, changed values, added faults.
+    """Checked state of a page: drive and body (None: the file's own), changed values, faults beyond the file's.
 
-    Attributes:
-        drive: value of `--drive`; None for the file's own drive.
-        body: value of `--body`; None for the file's own body.
-        values: key -> value as in a file; for `PACE_KEY` the factor.
-        faults: tables of [[fault]], in addition to those of the file.
+    `values` are by key, as in a file; for `PACE_KEY` the factor.
     """
 
     base: PageBase
@@ -103,7 +90,6 @@ class PageState:
         return [*self.base.settings, *texts]
 
     def load(self) -> Experiment:
-        """Load the experiment with all changes of the page."""
         return load_experiment(self.base.experiment, self.settings, self.drive, self.body)
 
     @property
@@ -117,31 +103,21 @@ def _inline(table: Mapping[str, Any]) -> str:
 
 
 @lru_cache(16)
-def _load_base(experiment: str, settings: tuple[str, ...], drive: str | None, body: str | None) -> Experiment:
-    return load_experiment(experiment, settings, drive, body)
-
-
 def base_experiment(base: PageBase, drive: str | None, body: str | None) -> Experiment:
-    """Load the command line's experiment with another drive and body, otherwise unchanged; cached."""
-    return _load_base(base.experiment, base.settings, drive, body)
+    """Load the command line's experiment with another drive and body, otherwise unchanged."""
+    return load_experiment(base.experiment, base.settings, drive, body)
 
 
 @lru_cache(16)
-def _base_sliders(experiment: str, settings: tuple[str, ...], drive: str | None, body: str | None) -> dict[str, Slider]:
-    return sliders(_load_base(experiment, settings, drive, body))
-
-
 def known_sliders(base: PageBase, drive: str | None, body: str | None) -> dict[str, Slider]:
-    """Return the explorer's sliders for the experiment with a drive and a body; cached."""
-    return _base_sliders(base.experiment, base.settings, drive, body)
+    """Return the explorer's sliders for the experiment with a drive and a body."""
+    return sliders(base_experiment(base, drive, body))
 
 
 def parse_state(base: PageBase, state: Any) -> PageState:
-    """Check and parse the state that an explorer page sends.
+    """Check and parse the untrusted state that an explorer page sends.
 
-    Args:
-        state: {"set": {key: value}, "drive": name, "body": name, "faults": [{"kind", "target", "onset_s", ..}]}; each
-            entry is optional. It is untrusted.
+    {"set": {key: value}, "drive": name, "body": name, "faults": [{"kind", "target", "onset_s", ..}]}, all optional.
     """
     if not isinstance(state, dict) or state.keys() - {"set", "drive", "body", "faults"}:
         raise InputRefused("state: expected set, drive, body and faults")
@@ -158,11 +134,7 @@ def parse_state(base: PageBase, state: Any) -> PageState:
 
 
 def adopt_state(base: PageBase, state: Any, accepted: Any) -> dict[str, Any]:
-    """Add the robot's accepted parameters to the state of an explorer page, as changed keys and faults.
-
-    Args:
-        accepted: parameters accepted in a session, see `twin.studies.shadow.live_view.accepted_values`; untrusted.
-    """
+    """Add a session's accepted parameters (untrusted, see `accepted_values`) to a page's state, as keys and faults."""
     k_s = parse_state(base, state).load().plant.k_s
     found = {**state, "set": dict(state.get("set") or {}), "faults": list(state.get("faults") or [])}
     for one in accepted:
@@ -212,7 +184,7 @@ def _one_of(what: str, name: Any, files: Mapping[str, str]) -> str:
 def first_state(base: PageBase, settings: Sequence[str]) -> tuple[PageBase, dict[str, Any]]:
     """Split the command line's --set options into (base with those without a slider, initial page state)."""
     names = {"drive": base.drive, "body": base.body}
-    there = known_sliders(PageBase(base.experiment), base.drive, base.body)
+    there = known_sliders(replace(base, settings=()), base.drive, base.body)
     rest, changed = [], {}
     for text in settings:
         key, value = _single(text)

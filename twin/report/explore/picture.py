@@ -15,7 +15,6 @@ from twin.report.page.panels import (
     PanelRun,
     panel_facts,
     row_facts,
-    scene,
     series,
 )
 from twin.robot.run.measures import ROWS_BY_KEY, RunOutcome
@@ -33,7 +32,6 @@ INITIAL_PANELS = (
     "Pressing force F_z", "Height z", "Correction of the force loop", "Force along x, y on the surface",
     "Joint torque tau_l", "Motor speed",
 )  # fmt: skip
-"""Titles of the panels that are shown by default."""
 MAX_POSES = 600
 """Maximum number of poses of the robot; the player interpolates between them."""
 TILE_MEASURES = (
@@ -53,11 +51,8 @@ def panels_to_json(
 ) -> list[dict[str, Any]]:
     """Convert panels of curves to JSON-serialisable values; their samples are appended to `block`.
 
-    Each of `width` parts of `span` keeps its extremes, so no spike is lost. Samples beyond the span stay coarse.
-
-    Args:
-        span: begin and end (s).
-        width: width of a plot (pixels).
+    Each of `width` parts (pixels) of `span` (begin and end, s) keeps its extremes, so no spike is lost. Samples beyond
+    the span stay coarse.
     """
     return [
         panel_facts(
@@ -119,20 +114,10 @@ def extremes(values: Curve, width: int) -> Curve:
     return found
 
 
-def poses(run: PanelRun, block: DataBlock) -> dict[str, Any] | None:
-    """Return the robot's poses for the player, see `twin.report.page.panels.scene`."""
-    return scene(run, block, MAX_POSES)
-
-
 class Tile(NamedTuple):
-    """A number displayed above the explorer's plots.
+    """A number above the explorer's plots, in `unit` with `digits` after the decimal point, and a sentence on it.
 
-    Attributes:
-        name, unit: displayed name and unit.
-        value: value in `unit`; None if missing.
-        reason: why the value is missing, or a remark on it.
-        digits: digits after the decimal point.
-        meaning: description in one sentence.
+    `reason` is why it is missing (None), or a remark on it.
     """
 
     name: str

@@ -94,7 +94,6 @@ OPERATION_FIELDS: Mapping[str, Mapping[str, Check]] = {
     "loops": {**STATE_FIELDS, "point": _is_index},
     "score": STATE_FIELDS,
 }
-"""Operation -> its fields."""
 
 
 def check_request(ask: Mapping[str, Any]) -> dict[str, Any]:

@@ -17,6 +17,7 @@ import socket
 import struct
 import sys
 import threading
+import time
 from collections.abc import Mapping
 from http import HTTPStatus
 from importlib.resources import files
@@ -29,12 +30,12 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from twin.kernel.cache_folder import cache_folder
-from twin.kernel.errors import InputRefused, SafetyTrip, TwinError, terminal_text
+from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip, TwinError, terminal_text
 from twin.kernel.gate import LOOPBACK_HOST, Gate, own_page_policy
-from twin.kernel.process.guard import run_guarded
+from twin.kernel.process.guard import JobFailure, JobLoadFailure, run_guarded
 from twin.kernel.process.job import JobLimits
-from twin.report.explore import EXPLORED_FOLDER
-from twin.report.explore.processes import AnsweringProcess, OutdatedAnswer
+from twin.kernel.process.warm import WarmProcess
+from twin.report.explore import ANSWER_JOB, EXPLORED_FOLDER
 
 if TYPE_CHECKING:
     from twin.report.explore.session import LiveSession
@@ -42,13 +43,14 @@ if TYPE_CHECKING:
 MAX_MESSAGE_BYTES = 2**16
 """Maximum size of a page's message (bytes)."""
 MAX_PAGES = 16
-"""Maximum number of open pages."""
 MAX_WAITING = 64
 """Maximum number of waiting requests of one page; at most one of each kind."""
 ROBOT_INTERVAL = 0.2
 """Interval (s) between updates of a page with the robot's state."""
 PROCESS_COUNT = 2
 """Number of processes that run experiments."""
+OUTDATED_TIMEOUT = 3.0
+"""Maximum time (s) that an outdated request occupies a process."""
 LINK_PATH = "/link"
 """Path of a page's WebSocket."""
 CLOSE_TIMEOUT = 1.0
@@ -81,9 +83,7 @@ PAGE_OPERATIONS = (
 )  # fmt: skip
 """Operations of a page that a process answers."""
 STUDY_JOB = "twin.studies.command:answer_study"
-"""Job that answers a study in its own process."""
 RECORD_JOB = "twin.robot.live.runs:recorded_runs"
-"""Job of `twin run`."""
 FORBIDDEN_TEXT = (
     "This page is shown only to the browser that twin explore has opened. Open the address that it has printed in the "
     "terminal; the part after # in yours may be appended to it.\n"
@@ -127,13 +127,42 @@ def error_message(problem: TwinError) -> str:
     return f"an internal error of twin, see the terminal: {lines[-1]}"
 
 
-class ExplorerServer:
-    """Server of the explorer: answers pages until the last one has been closed for a while.
+class OutdatedAnswer(TwinError):
+    """Exception that cancels an answer: a newer state was requested, and it exceeded `OUTDATED_TIMEOUT`."""
 
-    Args:
-        base: fields of `twin.report.explore.page_state.PageBase`.
-        linger: time (s) until it ends after the last page was closed.
-        session: session with a robot that pages show; None without one.
+
+class AnsweringProcess:
+    """A process kept running to answer requests of explorer pages."""
+
+    def __init__(self, limits: JobLimits):
+        self._process = WarmProcess(ANSWER_JOB, limits, self._raise_if_stale)
+        self.close = self._process.close
+
+    def answer(self, base: Mapping[str, Any], ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
+        """Answer the request `ask` of a page of `PageBase` by `twin.report.explore.worker.answer_request`.
+
+        `outdated` is set when a newer answer is requested. ComponentFailed: a drive crashed, hung or ended the process;
+        names drive, place and time in one sentence. OutdatedAnswer: the answer was cancelled. TwinError: an internal
+        error.
+        """
+        self._outdated, self._began = outdated, time.monotonic()
+        try:
+            found: dict[str, Any] = self._process.answer(
+                {"here": str(Path.cwd()), "base": dict(base), "ask": dict(ask)}
+            )
+        except (JobFailure, JobLoadFailure) as ended:
+            raise ComponentFailed(str(ended)) from None
+        return found
+
+    def _raise_if_stale(self) -> None:
+        if self._outdated.is_set() and time.monotonic() - self._began > OUTDATED_TIMEOUT:
+            raise OutdatedAnswer("given up for a newer state")
+
+
+class ExplorerServer:
+    """Server of the explorer, for a `PageBase` and perhaps a session with a robot that pages show.
+
+    It ends `linger` seconds after its last page was closed.
     """
 
     def __init__(self, base: Mapping[str, Any], limits: JobLimits, linger: float, session: "LiveSession | None" = None):
@@ -146,12 +175,7 @@ class ExplorerServer:
         self._ending: asyncio.TimerHandle | None = None
 
     def begin(self, settings: list[str]) -> None:
-        """Check the explorer's command line and load its experiment.
-
-        Raises:
-            InputRefused: the experiment is refused.
-            TwinError: see `AnsweringProcess.answer`.
-        """
+        """Check the explorer's command line and load its experiment."""
         found = self._processes[0].answer(self.base, {"op": "begin", "settings": settings}, threading.Event())
         if "refused" in found:
             raise InputRefused(found["refused"])
@@ -299,8 +323,7 @@ class ExplorerServer:
 class RequestQueue:
     """Queue of one page's requests, answered one after the other; only the newest of each kind counts.
 
-    Attributes:
-        outdated: event that is set when a newer answer of the kind being answered is requested.
+    The event `outdated` is set when a newer answer of the kind being answered is requested.
     """
 
     def __init__(self) -> None:
@@ -399,7 +422,6 @@ class PageLink:
             await self._reply(ask, found)
 
     async def _show(self, session: "LiveSession") -> None:
-        """Send the robot's state to the page whenever it changes."""
         shown = -1
         while True:
             if shown != session.version:
@@ -420,11 +442,7 @@ class PageLink:
 
 
 def record_run(experiment: str, how: Mapping[str, Any], limits: JobLimits) -> Path:
-    """Record a run in its own process, write its report, and return its folder.
-
-    Args:
-        how: "drive", "body" and "settings" as for `twin run`.
-    """
+    """Record a run in its own process, write its report, return its folder; `how`: "drive", "body", "settings"."""
     folders: list[str] = []
 
     def on_note(note: dict[str, Any]) -> None:

@@ -48,7 +48,6 @@ FORCE_CURVES = {"/estimator": "robot, by its counts", "/plant": "twin", "/scale"
 """Topic -> label of its pressing force in the strip."""
 EVENTS_TOPIC, ALARM_TOPIC = "/events", "/alarm"
 MAX_EVENTS = 3
-"""Maximum number of events that are shown."""
 TOKEN_REMEDY = "Start twin explore again with the whole address that twin shadow has printed."
 
 PROTOCOL_ERRORS = (
@@ -104,14 +103,9 @@ class ForceStrip:
 
 
 class LiveSession:
-    """Viewer of a running `twin shadow` session, active during the explorer's lifetime.
+    """Viewer of a running `twin shadow` session, at the address that `--live` printed, while the explorer lives.
 
-    Args:
-        address: address printed by `twin shadow --live`.
-
-    Attributes:
-        version: counter that increases with every received message.
-        accepted: accepted parameters of the robot, see `twin.studies.shadow.live_view.accepted_values`.
+    `version` counts received messages. `accepted` are parameters, see `twin.studies.shadow.live_view.accepted_values`.
     """
 
     def __init__(self, address: str):
@@ -263,10 +257,7 @@ class LiveSession:
             self._answer[1].set_result(text)
 
     async def accept(self, proposal: object) -> str:
-        """Forward the user's acceptance of `proposal` to the twin. Return an error message, or "".
-
-        Return an error message, or "".
-        """
+        """Forward the user's acceptance of `proposal` to the twin. Return an error message, or ""."""
         async with self._lock:
             if self._connection is None or self._watches:
                 return self._problem or self._watches
@@ -292,7 +283,6 @@ async def _next_text(connection: ClientConnection) -> dict[str, Any]:
 
 
 def _message_type(channel: dict[str, Any]) -> type[Message]:
-    """Build the protobuf message class from a channel's schema."""
     pool = DescriptorPool()
     for file in FileDescriptorSet.FromString(base64.b64decode(channel["schema"])).file:
         pool.Add(file)

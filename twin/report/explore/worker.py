@@ -32,15 +32,15 @@ from twin.report.explore.page_state import (
 from twin.report.explore.picture import (
     EXPLORED_PANELS,
     INITIAL_PANELS,
+    MAX_POSES,
     Tile,
     panels_to_json,
-    poses,
     shown_panels,
     tiles,
 )
 from twin.report.explore.request import check_request
 from twin.report.page.markup import DataBlock
-from twin.report.page.panels import PanelRun
+from twin.report.page.panels import PanelRun, scene
 from twin.report.page.run import report_runs
 from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.experiment import Experiment
@@ -63,20 +63,15 @@ MAX_TICKS = 400_000
 Layout = Literal["", "fig4"]
 """Figure of the paper that replaces the panels: Fig. 4 in the paper's layout; "" without one."""
 MAX_RUNS = 100
-"""Maximum number of runs of results/ in a list."""
 NO_MONITOR = "no monitor here"
-"""Reason for a missing number of the safety monitor."""
 _viewed_signals: dict[tuple[object, ...], frozenset[str]] = {}
 """Form of a view request -> signals that its last run needed; the next run with this form keeps only these."""
 
 
 def answer_request(reporter: Reporter, here: str, base: dict[str, Any], ask: dict[str, Any]) -> dict[str, Any]:
-    """Answer an explorer page's request; a job for guarded processes.
+    """Answer a page's request `ask` ("op" and its fields, unchecked) on a `PageBase`; a job for guarded processes.
 
-    Args:
-        here: working folder of the command; an FMU may have changed the current one.
-        base: fields of `PageBase`.
-        ask: the request, "op" and its fields, unchecked.
+    `here` is the working folder of the command; an FMU may have changed the current one.
     """
     reporter.loading()
     os.chdir(here)
@@ -103,7 +98,7 @@ def _describe(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
         "title": experiment.title,
         "name": base.experiment,
         "duration": experiment.duration_ticks * experiment.cosim.tick,
-        "sliders": [slider.to_dict for slider in known_sliders(base, state.drive, state.body).values()],
+        "sliders": [asdict(slider) for slider in known_sliders(base, state.drive, state.body).values()],
         "drives": list(base.drives),
         "bodies": list(base.bodies),
         "panels_at_first": INITIAL_PANELS,
@@ -179,14 +174,10 @@ def _derived_values(state: PageState, experiment: Experiment) -> dict[str, Any]:
 
 
 class ViewRequest(NamedTuple):
-    """View of a run that an explorer page requests: time span, width, panels.
+    """View of a run that a page requests: span (begin and end, s), width of a plot (pixels), panels.
 
-    Attributes:
-        span: begin and end (s).
-        width: width of a plot (pixels).
-        robot: whether the player is open.
-        listed: whether the answer lists all panels of the run.
-        layout: figure of the paper that replaces the panels; "" without one.
+    `robot`: the player is open. `listed`: the answer lists all panels. `layout` is a figure of the paper that replaces
+    them, "" without one.
     """
 
     titles: list[str]
@@ -216,19 +207,16 @@ class ViewRequest(NamedTuple):
         return cls(titles, (begin, end), width, ask.get("robot") is True, ask.get("list") is True, layout)
 
     def picture(self, run: PanelRun, end: float, fig4: Fig4Runs | None = None) -> dict[str, Any]:
-        """Return the requested view of a run, panels and robot, JSON-serialisable.
+        """Return the requested view of a run, or a log like one, panels and robot, JSON-serialisable.
 
-        Args:
-            run: a run, or a log with the interface of one.
-            end: end of the run (s).
-            fig4: the four runs of Fig. 4, whose panels replace the others; None to show the requested panels.
+        `end` is the end of the run (s). The panels of the runs `fig4` replace the requested ones; None for those.
         """
         block = DataBlock()
         span = self.span[0], min(self.span[1], end)
         found: dict[str, Any] = {
             "end": end,
             "all_panels": shown_panels(run) if self.listed else None,
-            "scene": poses(run, block) if self.robot else None,
+            "scene": scene(run, block, MAX_POSES) if self.robot else None,
         }
         chosen = [] if self.layout else [panel for panel in EXPLORED_PANELS if panel.title in self.titles]
         shown, of = (FIG4_PANELS, fig4) if fig4 else (chosen, run)
@@ -266,15 +254,6 @@ def _folders() -> list[Path]:
     return [run.folder for run in sorted(runs, key=lambda run: -run.recording.stat().st_mtime)]
 
 
-def _runs(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """List the runs of results/, the newest first, and the logs of robots, for comparison."""
-    return {"runs": [str(folder) for folder in _folders()[:MAX_RUNS]], "logs": known_logs()}
-
-
-def _save(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    return {"saved": str(save_experiment(parse_state(base, ask["state"]), str(ask.get("name"))))}
-
-
 def _command(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
     """Return the `twin run` command of a page's state, after checking that the experiment can be loaded."""
     state = parse_state(base, ask["state"])
@@ -299,23 +278,17 @@ def _loops(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
     return loops(parse_state(base, ask["state"]).load(), chosen)
 
 
-def _score(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Judge the claims of the paper's figure with runs of the page's state."""
-    return claims(parse_state(base, ask["state"]))
-
-
 REQUEST_HANDLERS: Mapping[str, Callable[[PageBase, Mapping[str, Any]], dict[str, Any]]] = {
     "begin": _begin,
     "describe": _describe,
     "show": _show,
     "recorded": _show_recording,
-    "runs": _runs,
-    "save": _save,
+    "runs": lambda base, ask: {"runs": list(map(str, _folders()[:MAX_RUNS])), "logs": known_logs()},
+    "save": lambda base, ask: {"saved": str(save_experiment(parse_state(base, ask["state"]), str(ask.get("name"))))},
     "command": _command,
     "onset": _onset,
     "adopt": lambda base, ask: {"state": adopt_state(base, ask["state"], ask["accepted"])},
     "log": _log,
     "loops": _loops,
-    "score": _score,
+    "score": lambda base, ask: claims(parse_state(base, ask["state"])),
 }
-"""Operation -> function that answers it."""

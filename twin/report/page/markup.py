@@ -42,13 +42,7 @@ def join_markup(children: Iterable[str]) -> Markup:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], label: str) -> Markup:
-    """Return an HTML table that scrolls in its own box on narrow screens; the first cell of each row is its heading.
-
-    Args:
-        head: titles of the columns.
-        rows: cells, one per column.
-        label: description for screen readers.
-    """
+    """Return an HTML table, scrolled in its own box; rows begin with a heading, `label` is for screen readers."""
     titles = element("tr", *(element("th", title, scope="col") for title in head))
     lines = [
         element("tr", element("th", row[0], scope="row"), *(element("td", cell) for cell in row[1:])) for row in rows

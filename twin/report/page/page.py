@@ -270,10 +270,7 @@ def _accuracies(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget]) 
 
 
 def verdict_section(runs: Sequence[ReportRun], verdict: PageVerdict, key_numbers: Markup | None = None) -> Markup:
-    """Return the report's first section: headline, four numbers of each run or `key_numbers`, and remarks.
-
-    The player is next to it; all other numbers follow after the player.
-    """
+    """Return the first section, next to the player: headline, four numbers per run or `key_numbers`, remarks."""
     mark, look = VERDICT_LOOKS[verdict.good]
     parts = [element("p", f"{mark}{verdict.headline}", class_=f"headline {look}")]
     # more runs are compared in the table of measures
@@ -315,10 +312,7 @@ def numbers(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup:
 
 
 def events(run: ReportRun) -> Markup:
-    """Return the report's table of events; a click on a time moves the player.
-
-    Phases of tasks, which are many, are folded.
-    """
+    """Return the report's table of events, phases of tasks folded; a click on a time moves the player."""
     rows = {
         debug: [
             (element("button", f"{event.time:.3f} s", type="button", class_="at", data_t=f"{event.time:.9g}"),
@@ -361,7 +355,6 @@ def _claim(finding: ClaimFinding) -> tuple[str, ...]:
 
 
 def _measures(runs: Sequence[ReportRun]) -> Markup:
-    """Return the report's table of measures: a measure per row, a run per column."""
     found = [{(m.text, m.unit): m for m in run.measures} for run in runs]
     lines = dict.fromkeys(key for one in found for key in one)
     if len(runs) == 1:
@@ -404,20 +397,10 @@ def write_report(
     budget: bool = False,
     say: Say = ignore_progress,
 ) -> Answer:
-    """Write the report page on the runs at the given paths, as one HTML file.
+    """Write the report page on the runs at the given paths (at least one; see `report_runs`), as one HTML file.
 
-    Args:
-        runs: at least one path; see `report_runs`.
-        out: file; None for report.html in the recording's folder, or in results/report for several runs.
-        budget: whether to run each experiment again without its imperfections, one after the other, for its accuracy
-            budget.
-        say: callback for the current run.
-
-    Raises:
-        RecordingError: a recording is missing, empty, damaged or not twin's.
-        InputRefused: a run is given twice, has no samples or no budget, or `out` cannot be a file.
-        NotWritten: the disk refuses; an existing page stays.
-        ComponentFailed: a component failed in a run for the budget.
+    `out` is report.html in the recording's folder, or in results/report for several runs, if None. With `budget`, each
+    experiment is run again without its imperfections, one after the other, for its accuracy budget.
     """
     shown = report_runs(runs)
     path = out or (shown[0].recording.path.parent if len(shown) == 1 else COMPARISON_FOLDER) / REPORT_FILE
@@ -443,10 +426,7 @@ def write_report(
 
 
 def report_page(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget] = ()) -> tuple[str, str]:
-    """Return (HTML, headline) of the report on runs; `budgets` is empty or has one budget per run.
-
-    The same recordings, summaries and budgets give the same text.
-    """
+    """Return (HTML, headline) of the report, equal for equal inputs; `budgets` is empty or has one budget per run."""
     judged = verdict(runs)
     with picture(runs, judged) as drawn:
         data, factor = _data(runs)
@@ -567,10 +547,7 @@ def plain_page(
 ) -> str:
     """Return the HTML of a page without plots, player and scripts.
 
-    Args:
-        sections: key, title and content of each section.
-        links: key and text of each link in the head.
-        made_of: text after "Made by twin VERSION" in the footer.
+    Sections are (key, title, content), links in the head (key, text); `made_of` follows "Made by twin VERSION" below.
     """
     return Template((PAGE_ASSETS / "plain.html").read_text(encoding="utf-8")).substitute(
         title=join_markup([title]),

@@ -30,13 +30,9 @@ PATCH_HALF_WIDTH, PATCH_FIELDS = 45.0, 10
 
 
 class PanelRun:
-    """A run and the values of its experiment, as input of panels and player.
+    """A run and the checked values of its experiment, keys with units, as input of panels and player.
 
-    Attributes:
-        view: the run.
-        values: checked values of the experiment, keys with units.
-        fields: fields of the signals that have samples.
-        used: signals that were read.
+    `fields` are the fields of signals that have samples, `used` the signals that were read.
     """
 
     def __init__(self, view: RunView, values: Mapping[str, Any], fields: Mapping[str, Field] | None = None):
@@ -81,14 +77,10 @@ def scene(
 ) -> dict[str, Any] | None:
     """Return the data of a run for the player, which animates the robot, mm and N; None without poses of the robot.
 
-    At most `most` poses go into `block`.
-
-    `frames` has their place in the block, each column of all n frames together: A (9), p_B (3), displacement of the
-    surface (3), F_ee_B (3), F_ee_B estimated (3; absent without an estimator), and A and p_B of a second robot.
-
-    Args:
-        robot: topic with its pose.
-        model: topic with the pose of a second robot, drawn over the first; "" without one.
+    At most `most` poses, of the topic `robot`, go into `block`. `frames` has their place in the block, each column of
+    all n frames together: A (9), p_B (3), displacement of the surface (3), F_ee_B (3), F_ee_B estimated (3; absent
+    without an estimator), and A and p_B of a second robot. That robot, of the topic `model` ("" without one), is drawn
+    over the first.
     """
     lengths = [run.values.get("plant", {}).get(f"{name}_mm") for name in Geometry._fields]
     poses = [f"{topic}.{name}" for topic in filter(None, (robot, model)) for name in ("theta_l", "p_B")]
@@ -121,8 +113,7 @@ def scene(
 def surface(contact: Mapping[str, Any]) -> list[list[list[float]]]:
     """Return points of the untouched body surface in B, (PATCH_FIELDS + 1, PATCH_FIELDS + 1, 3), mm, apex central.
 
-    Args:
-        contact: [contact] of the experiment; shapes and axes as in `twin.robot.plant.contact`.
+    Shapes and axes of [contact] as in `twin.robot.plant.contact`.
     """
     tilts = SimpleNamespace(**{name: math.radians(contact.get(f"{name}_deg", 0.0)) for name in ("tilt", "tilt_x")})
     e_1, e_2, n = (np.array(axis) for axis in apex_frame(tilts))
@@ -304,7 +295,7 @@ def curves(
 ) -> tuple[list[dict[str, Any]], int]:
     """Return (panels with their curves, JSON-serialisable, thinning factor); the samples go into each run's block.
 
-    A curve is [index of its first sample in the block, count, first time (s), time step (s)]; None for a run without
+    A curve is [index of its first sample in the block, count, first time (s), time step (s)], or None if a run lacks
     it.
     """
     found = [
@@ -332,7 +323,6 @@ def curves(
 
 
 def panel_facts(panel: Panel, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return a panel's title, unit and `rows` for the page."""
     return {"title": panel.title, "unit": "" if panel.unit == "1" else panel.unit, "rows": rows}
 
 

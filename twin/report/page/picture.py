@@ -34,7 +34,6 @@ FIG4_SERIES = (
 )  # fmt: skip
 """Series that a run in the layout of Fig. 4 needs."""
 MAX_MAGNIFICATION = 2.0
-"""Maximum magnification of a picture on the page."""
 ROLE_STYLES = {
     "shifted": {"color": FP_REFERENCE, "lw": 1.2}, "reference": {"color": PRE_DEFINE, "lw": WIDE_LINE},
     "belief": {"color": FP_BASED, "lw": WIDE_LINE}, "truth": TRUE_STYLE,
@@ -44,12 +43,9 @@ FRICTION_STYLES = {"belief": {"color": FP_BASED, "lw": THIN_LINE}, "truth": TRUE
 
 @contextmanager
 def drawing(draw: str, shown: object, size: int = 0) -> Iterator[Callable[[], bytes]]:
-    """Start drawing a picture, if possible in another process, and yield a function that waits for its PNG bytes.
+    """Start drawing a picture, if possible in another process; yield a function that waits for its PNG bytes.
 
-    Args:
-        draw: "module:function", called as `draw(shown, path)`.
-        shown: picklable data.
-        size: approximate size of the data (bytes).
+    `draw` is "module:function", called with picklable data, about `size` bytes, as `draw(shown, path)`.
     """
     waiting = claim_process(DRAW_JOB) if size <= MAX_PICKLE_BYTES else None
     with tempfile.TemporaryDirectory() as folder, waiting or nullcontext() as process:
@@ -72,10 +68,7 @@ def drawing(draw: str, shown: object, size: int = 0) -> Iterator[Callable[[], by
 
 
 def _wait_until_done(process: GuardedProcess) -> bool:
-    """Wait for the process that draws the picture; return whether it succeeded.
-
-    If not, the caller draws the picture itself.
-    """
+    """Wait for the drawing process; return whether it succeeded. If not, the caller draws the picture itself."""
     while not process.gone and process.age < DRAW_TIMEOUT:
         for report in process.reports(POLL_INTERVAL):
             return "finished" in report
@@ -85,8 +78,7 @@ def _wait_until_done(process: GuardedProcess) -> bool:
 def picture(runs: Sequence[ReportRun], verdict: PageVerdict) -> AbstractContextManager[Callable[[], Markup | None]]:
     """Start drawing the report's picture of `runs`; the context manager yields a function that waits for the picture.
 
-    Fig. 4 for its two runs, Fig. 5 for runs with tasks, the layout of Fig. 4 for one run; the function returns None for
-    any other runs.
+    Fig. 4 for its two runs, Fig. 5 for runs with tasks, the layout of Fig. 4 for one run; None for any other runs.
     """
     if verdict.fig4 is not None:
         text = "Fig. 4 of the paper from these runs: A height, B pressing force, C, D force along x, y. "

@@ -35,11 +35,7 @@ DRIVES_PAGE_FILE = "compare.html"
 
 
 def write_sweep_page(sweep: SweepRows, asked: SweepQuery, pictures: Mapping[str, Path], folder: Path) -> Path:
-    """Write the page of a sweep into `folder` and return its path. The same rows give the same text.
-
-    Args:
-        pictures: PNG files by the names of `PICTURE_CAPTIONS`.
-    """
+    """Write a sweep's page, the same for equal rows, into `folder`; `pictures`: PNG files by `PICTURE_CAPTIONS`."""
     path = folder / SWEEP_PAGE_FILE
     write_text(path, sweep_page(sweep, asked, pictures))
     return path
@@ -81,13 +77,9 @@ def _cell(text: str, part: ReportPart) -> str:
 
 
 def write_drives_page(facts: Mapping[str, Any], folder: Path) -> Path:
-    """Write the page of a drive comparison into `folder` and return its path.
+    """Write the page of `compare_drives` (facts, pictures in `folder`) into the folder; return its path.
 
     The same facts and pictures give the same text.
-
-    Args:
-        facts: result of `compare_drives`.
-        folder: folder of its pictures.
     """
     path = folder / DRIVES_PAGE_FILE
     write_text(path, drives_page(facts))
@@ -114,7 +106,6 @@ def drives_page(facts: Mapping[str, Any]) -> str:
 
 
 def _measures(experiment: Mapping[str, Any], definitions: Mapping[str, Any]) -> Markup:
-    """Return the page's table of measures: a measure per row, a drive per column."""
     drives = experiment["drives"]
     rows = []
     values = [measured_values(drive["run_measures"]) for drive in drives]

@@ -112,7 +112,6 @@ class ReportRun(PanelRun):
 
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 of the recording's file, as hex."""
         with self.recording.path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -145,7 +144,6 @@ class ReportRun(PanelRun):
 
     @cached_property
     def measures(self) -> list[RunMeasure]:
-        """All measures of the run, see the function `measures`."""
         return measures(self)
 
     @property
@@ -161,14 +159,7 @@ def _name_of(recording: Recording) -> str:
 
 
 def report_runs(paths: Sequence[Path]) -> list[ReportRun]:
-    """Read the recorded runs at `paths`: folders, .mcap files, or results/EXPERIMENT for the latest.
-
-    Labels of runs of one experiment include the name of their folder.
-
-    Raises:
-        RecordingError: a recording is missing, empty, damaged or not twin's.
-        InputRefused: a run has no samples, or is given twice.
-    """
+    """Read the runs at `paths` (results/EXPERIMENT: latest); labels of one experiment's runs include their folder."""
     recordings = [read(recording_in(path)) for path in paths]
     for path, recording in zip(paths, recordings, strict=True):
         if not any(len(stream.records) for stream in recording.streams.values()):
@@ -237,11 +228,7 @@ def _is_key(measure: RunMeasure, run: ReportRun) -> bool:
 
 
 def unscored_reasons(run: ReportRun, asked: Container[str]) -> dict[str, list[str]]:
-    """Return the reasons why measures of a run are missing: reason -> short names.
-
-    Args:
-        asked: short names of measures to explain, in addition to those with a missing series.
-    """
+    """Return why measures are missing, reason -> short names: those without a series, and those `asked` for."""
     wanted = {"its tasks": FIG5_SERIES} | SERIES_OF_MEASURES if run.values.get("task") else SERIES_OF_MEASURES
     lost = {name: [series for series in needs if not run.has(series)] for name, needs in wanted.items()}
     missing = dict.fromkeys(series for needs in lost.values() for series in needs)

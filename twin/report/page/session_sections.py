@@ -100,11 +100,7 @@ class SessionFacts(_RecordedModel):
 
 
 def session_facts(run: ReportRun) -> SessionFacts | None:
-    """Return the recorded results of a session; None if it did not end normally.
-
-    Raises:
-        InputRefused: the results are damaged.
-    """
+    """Return the recorded results of a session; None if it did not end normally."""
     text = run.recording.metadata.get("followed", {}).get("facts")
     return None if text is None else _facts_of(text, run.recording.path)
 
@@ -241,7 +237,6 @@ def _source(run: ReportRun) -> str:
 
 
 def boxes(run: ReportRun) -> Markup:
-    """Return the boxes with the key numbers of a session for its page."""
     facts, found = session_facts(run), []
     if joints := [one.rms for _, _, one in _residuals(run, RESIDUAL_TABLE[:1])]:
         found.append((f"{max(joints):.3g} deg", "joints off, rms, the worst"))

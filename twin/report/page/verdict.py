@@ -32,14 +32,10 @@ class RunGroup:
 
 @dataclass(frozen=True)
 class PageVerdict:
-    """Verdict of the report on its runs: headline, remarks and judged claims.
+    """Verdict of the report on its runs: headline, remarks (worst first) and judged claims, empty without any.
 
-    Attributes:
-        headline: one sentence.
-        good: whether all claims hold; None if nothing was judged, or if claims are expected not to hold.
-        remarks: further remarks, worst first.
-        groups: judged claims; empty if the paper makes no claim about the runs.
-        fig4, fig5: data of the paper's picture; None if it does not apply.
+    `good`: all claims hold; None if nothing was judged, or if claims are expected not to hold. `fig4` and `fig5` are
+    data of the paper's picture, None if it does not apply.
     """
 
     headline: str
@@ -125,10 +121,7 @@ def comparison_sentences(runs: Sequence[ReportRun]) -> list[str]:
 
 
 def unscored_sentences(runs: Sequence[ReportRun]) -> list[str]:
-    """Describe the measures that a run lacks although another run has them, or for want of a series.
-
-    Without these sentences a missing measure could hide a loss.
-    """
+    """Describe the measures that a run lacks although another has them, or for want of a series: a loss may hide."""
     known = {name for run in runs for name in scored_values(run)}
     return [
         f"not scored{f' of {run.label}' if len(runs) > 1 else ''}: {', '.join(names)} ({why})"

@@ -58,10 +58,7 @@ class PassivityTrial:
 
 
 def tried_mass(shared: Linearisation, points: list[OperatingPoint], most: float) -> PassivityTrial | None:
-    """Find the smallest mass on the platform that makes the robot swing in the air, and check it in the co-simulation.
-
-    None if all masses up to `most` (kg) are stable.
-    """
+    """Find and simulate the smallest mass that makes the robot swing in air; None if stable up to `most` (kg)."""
     air = next((point for point in points if not point.in_contact), None)
     if air is None or _growth(shared, air, most) <= 0.0 or _growth(shared, air, 0.0) >= 0.0:
         return None

@@ -55,10 +55,7 @@ WHILE_TURNING = Excitation(3.0 * SPEED_IN_USE, SPEED_IN_USE, LOAD_IN_USE)
 
 
 def identify_drive(plan: DrivePlan, tick: float, tau_load: float) -> DriveModel:
-    """Identify the linear model of a drive around a steady load `tau_load` (N m), through its FMU.
-
-    The result is reproducible, because the phases are always drawn from the same seed.
-    """
+    """Identify a drive's linear model around a steady load `tau_load` (N m), through its FMU, with a fixed seed."""
     measured = frequency_response(plan, tick, tau_load, AT_REST)
     # if the fit at rest is refused, the measurement of the turning shaft may still be fitted
     with suppress(InputRefused):
@@ -75,8 +72,7 @@ def frequency_response(
     """Measure the frequency response of a drive: advance of its shaft per tick over command and load (SI).
 
     Returns:
-        (frequencies (n,) in Hz from 0, advance over command and load (n, 2), uncertainty (n, 2)). The uncertainty is
-            the standard deviation of the mean over the draws.
+        (frequencies (n,) in Hz from 0, advance over command and load (n, 2), its standard deviation (n, 2)).
     """
     samples = round(SINE_PERIOD / tick)
     lines = np.unique(np.round(np.geomspace(1.0, MAX_FREQUENCY_RATIO * samples, LINE_COUNT)).astype(int))
@@ -94,10 +90,7 @@ def frequency_response(
 
 
 def sum_of_sines(samples: int, lines: NDArray[np.int64], phases: Curve) -> Curve:
-    """Return one period (samples,) of a sum of sines, scaled to a maximum of 1.
-
-    Amplitudes fall with the square root of the frequency, so that high frequencies do not saturate a drive.
-    """
+    """Return one period (samples,) of a sum of sines, maximum 1; amplitudes fall with frequency to avoid saturation."""
     spectrum = np.zeros(samples // 2 + 1, dtype=complex)
     spectrum[lines] = np.exp(1j * phases) / np.sqrt(lines)
     wave = np.fft.irfft(spectrum, samples)

@@ -50,10 +50,7 @@ class LimitCheck:
 
     @property
     def simulated_limit(self) -> float | None:
-        """Lowest gain factor whose nudges do not die out in the co-simulation, by bisection.
-
-        None if the prediction holds or the limit was not found.
-        """
+        """Gain limit in the co-simulation, by bisection; None if the prediction holds or the limit was not found."""
         if self.holds or self.high is None or self.low is None:
             return None
         return float((self.low * self.high) ** 0.5)
@@ -77,7 +74,6 @@ class LimitCheck:
 def check_limit(
     experiment: Experiment, point: OperatingPoint, law: str, predicted: float | None, drives: Sequence[DriveModel]
 ) -> LimitCheck:
-    """Check a predicted gain limit in the co-simulation, just below and just above it."""
 
     @cache
     def lasting(factor: float) -> LastingNudges:
@@ -95,9 +91,7 @@ def borders(expected: float) -> tuple[float, float]:
 
 
 def bracket(lasts: Callable[[float], bool], expected: float, ends: bool = True) -> tuple[float | None, float | None]:
-    """Bracket the gain limit in the co-simulation, starting at the predicted factor.
-
-    Returned are the highest tried factor whose nudges all die out, and the next one, whose nudges last.
+    """Bracket the limit by the highest tried factor whose nudges all die out and the next one, starting at `expected`.
 
     An end is None if it is too far from `expected`. The two are `borders(expected)` if the limit is between them, else
     their ratio is at most `BRACKET_RATIO`.

@@ -38,12 +38,7 @@ ZERO_GAINS = Gains(0.0)
 
 @dataclass(frozen=True)
 class LinearPoint:
-    """The linear model of the loops at one operating point.
-
-    Attributes:
-        loops: all loops, open; see `twin.studies.analyse.linear.loops.open_loops`.
-        gains: 1 for each loop that is closed at the point.
-    """
+    """The open loops at one operating point, see `open_loops`; `gains` is 1 for each loop closed there."""
 
     point: OperatingPoint
     loops: Loops
@@ -58,7 +53,6 @@ class Linearisation:
         points: operating points; the drives are identified under their mean load.
 
     Attributes:
-        drives: one model per joint.
         labels: names of the drives in reports.
     """
 
@@ -75,7 +69,6 @@ class Linearisation:
         self.drives, self.labels = tuple(models), tuple(plan.label for plan in plans)
 
     def linear_point(self, point: OperatingPoint) -> LinearPoint:
-        """Linearise the loops of the experiment at an operating point."""
         plant = linear_plant(point.parameters, point.x, point.theta_m)
         robot = period_map(tick_map(plant, self.drives, self.stepping), self.stepping)
         settings = self.settings(point.force_on)
@@ -89,7 +82,6 @@ class Linearisation:
         return other
 
     def settings(self, force_on: bool) -> LoopSettings:
-        """Return the controller's settings for the linear analysis, with its force loop on or off."""
         c = self.experiment.controller
         damping = c.damping if self.experiment.tasks else None
         return LoopSettings(
@@ -103,7 +95,6 @@ class Linearisation:
         )
 
     def estimation(self, point: OperatingPoint) -> Estimation:
-        """Linearise the controller's estimator at an operating point."""
         plant, parameters = self.experiment.plant, point.parameters
         geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
         angles = np.concatenate([point.theta_m, joint_angles(geometry, point.p_B)])
@@ -117,7 +108,6 @@ class Linearisation:
 
 
 def closed_loop_names(settings: LoopSettings) -> tuple[str, ...]:
-    """Return the names of the loops that a controller with these settings closes."""
     return LOOPS if any(settings.force[:3]) else LOOPS[:3]
 
 

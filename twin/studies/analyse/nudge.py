@@ -42,12 +42,7 @@ NO_LIMIT = {"speed_limit": 1000.0, "dead_zone": 0.0, "tissue": None, "breath": N
 
 
 class ResidualSwing(NamedTuple):
-    """Swings of the platform before and long after a nudge, peak to peak in the worst direction (m).
-
-    Attributes:
-        before: swing before the nudge.
-        after: swing at the end; infinite if the platform went far off or a component failed.
-    """
+    """Peak-to-peak swings (m), worst direction, before and long after a nudge; infinite after divergence or failure."""
 
     before: float
     after: float
@@ -60,10 +55,7 @@ class ResidualSwing(NamedTuple):
 def residual_swings(
     experiment: Experiment, point: OperatingPoint, law: str, factor: float, nudges: Sequence[float]
 ) -> list[ResidualSwing]:
-    """Simulate nudges of the platform (m) with scaled gains of a control law; return the remaining swings.
-
-    `law` is "position" or "force".
-    """
+    """Simulate nudges (m) with scaled gains of the law "position" or "force"; return the remaining swings."""
     tick, found = experiment.cosim.tick, []
     width, before = round(SWING_WINDOW / tick), round(NUDGE_TIME / tick)
     for p_B in nudged_paths(experiment, point, law, factor, nudges):
@@ -84,11 +76,7 @@ def nudged_paths(
     nudges: Sequence[float],
     over: float = END_TIME,
 ) -> list[Matrix]:
-    """Simulate nudges of the platform and return its paths (n, 3) in m, tick by tick.
-
-    A path ends at `over` (s), earlier if the platform went far off or a component failed. For the other arguments see
-    `residual_swings`.
-    """
+    """Simulate nudges like `residual_swings`; return paths (n, 3), m, by tick, to `over` (s), divergence or failure."""
     still = replace(holding_experiment(experiment, point), duration_ticks=round(over / experiment.cosim.tick))
 
     def make() -> Assembly:
@@ -135,10 +123,7 @@ def holding_experiment(experiment: Experiment, point: OperatingPoint) -> Experim
 
 
 class _GainRamp(Observer):
-    """Observer that ramps a law's gains to `factor` times their values, and stops a run that goes far off.
-
-    Gains to be lowered are low from the beginning, because the robot may shake with the higher ones.
-    """
+    """Observer that ramps a law's gains, low ones from the start as high ones may shake; it stops diverging runs."""
 
     def __init__(self, system: System, point: OperatingPoint, law: str, factor: float):
         self._tick, self._factor, self._p_B, self._point = system.tick, factor, system.columns("plant.p_B"), point

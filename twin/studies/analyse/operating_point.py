@@ -79,11 +79,7 @@ def operating_points(experiment: Experiment) -> tuple[list[OperatingPoint], list
 def resting_point(
     name: str, parameters: PlantParameters, p_B: tuple[float, float, float], force_on: bool = False
 ) -> OperatingPoint:
-    """Compute the operating point of the robot at rest at `p_B` (m).
-
-    Raises:
-        InputRefused: `p_B` is unreachable, or a spring is so little loaded there that it hangs in its backlash.
-    """
+    """Compute the operating point of the robot at rest at `p_B` (m)."""
     where = "({:g}, {:g}, {:g}) mm".format(*(round(1e3 * value, 3) for value in p_B))
     try:
         x, theta_m = rest_state(parameters, p_B)
@@ -111,11 +107,7 @@ def surface_height(parameters: PlantParameters, x: float, y: float) -> float:
 
 
 def pressing_height(parameters: PlantParameters, x: float, y: float, F_z: float) -> float:
-    """Return the platform's height (m) at which the surface answers with the vertical force `F_z` (N).
-
-    Raises:
-        InputRefused: the surface does not reach `F_z` within `MAX_DEPTH`.
-    """
+    """Return the platform's height (m) at which the surface answers with the vertical force `F_z` (N)."""
     top = surface_height(parameters, x, y)
     lack = F_z + _force(parameters, (x, y, top - MAX_DEPTH))
     if not lack < 0.0:
@@ -127,11 +119,7 @@ def pressing_height(parameters: PlantParameters, x: float, y: float, F_z: float)
 
 
 def point_on_stiffness(point: OperatingPoint, K: float) -> OperatingPoint:
-    """Return the operating point on a surface of stiffness `K` (N/m), moved to keep pose and force.
-
-    Raises:
-        InputRefused: the surface would be pressed deeper than `MAX_DEPTH`.
-    """
+    """Return the point on a surface of stiffness `K` (N/m), at equal pose and force; refuse depths > `MAX_DEPTH`."""
     parameters, (x, y, z) = point.parameters._replace(K=K), point.p_B
 
     def excess(up: float) -> float:

@@ -32,7 +32,6 @@ from twin.studies.analyse.rendering import ZWidth, z_width
 from twin.studies.command import Say
 
 FREQUENCY_COUNT = 240
-"""Number of frequencies evaluated per point."""
 MASS_RANGE, STIFFNESS_RANGE = (0.01, 5.0), (1.0, 50_000.0)
 """Mass (kg) and stiffness (N/m) of environments: fingertip to forearm, almost nothing to a table."""
 
@@ -84,7 +83,6 @@ class PointPassivity:
         admittance: (n, 3, 3), m/s per N.
         springs: stiffness (3,) with the motors and the other axes held (N/m).
         bands: axis, or "all" for the three at once -> band; None if passive.
-        worst: the mass on a spring that swings most with the robot.
     """
 
     point: OperatingPoint
@@ -106,7 +104,6 @@ class Passivity:
     """Result of the passivity analysis of a robot.
 
     Attributes:
-        problems: messages about points that have no linear model.
         width: None if no force loop presses.
         trial: check in the co-simulation; None without a mass to try.
     """
@@ -122,7 +119,6 @@ class Passivity:
 
 
 def passivity(experiment: Experiment, tried: bool, say: Say) -> Passivity:
-    """Analyse the passivity of the robot in a hand instead of on the body."""
     refuse_third_party_parts(experiment, "twin analyse", ("controller", "estimator"))
     say("identifying the drives")
     points, problems = operating_points(experiment)

@@ -46,10 +46,7 @@ PASSIVITY_LEVELS = (-1.0, -0.3, -0.1, 0.0, 1.0)
 
 
 def draw_analysis(done: stability.Stability, path: Path) -> None:
-    """Draw the loops of a stability analysis to `path` (PNG): frequency responses, margins, root loci.
-
-    The points shown are those with the lowest gain limits of the two laws; an unstable one only as a root locus.
-    """
+    """Draw frequency responses and margins of the stable, root loci of all shown points to `path` (PNG)."""
     title = f"Loops of {done.experiment.name}: {'stable' if done.stable else 'UNSTABLE'}"
     with picture(path, 13, 8.5, title) as figure:
         (magnitude, nyquist, sensitivity), (phase, position, force) = figure.subplots(2, 3)
@@ -88,7 +85,6 @@ def draw_analysis(done: stability.Stability, path: Path) -> None:
 
 
 def _mark_margins(magnitude: Axes, phase: Axes, margins: Margins, curve: tuple[Numbers, Numbers], color: str) -> None:
-    """Mark gain margin and phase margin of a loop in its Bode plots."""
     look: dict[str, Any] = {"color": color, "lw": 2.4, "alpha": 0.7, "marker": "_", "ms": 7}
     if margins.gain is not None and margins.gain_frequency is not None:
         at = margins.gain_frequency / (2.0 * np.pi)
@@ -101,11 +97,7 @@ def _mark_margins(magnitude: Axes, phase: Axes, margins: Margins, curve: tuple[N
 
 
 def shown_loops(done: stability.Stability) -> list[Curve]:
-    """Select the loops to draw: position x, y and z, then z and force.
-
-    The first three are drawn at the point with the lowest gain limit of the position law, the others at the force
-    law's.
-    """
+    """Select position x, y, z at the position law's lowest gain limit, then z and force at the force law's."""
     curves: list[Curve] = []
     for law, names in (("position", stability.POSITION_LOOPS), ("force", ("position_z", *stability.FORCE_LOOPS))):
         critical = done.critical(law)
@@ -214,7 +206,6 @@ def _gain(done: stability.Stability, chart: stability.StabilityMap) -> np.ndarra
 
 
 def draw_passivity(done: passivity.Passivity, path: Path) -> None:
-    """Draw the passivity of the robot in a hand, in air and pressing, to `path` (PNG)."""
     air = [point for point in done.points if not point.point.in_contact]
     pressing = [point for point in done.points if point.point.in_contact]
     shown = [*air[-1:], *pressing[:1]]

@@ -22,7 +22,6 @@ from twin.studies.analyse.linearised import Linearisation
 from twin.studies.analyse.operating_point import OperatingPoint
 
 WIDTH_FREQUENCIES = 70
-"""Number of frequencies evaluated per cell of the map."""
 VIRTUAL_STIFFNESS = np.geomspace(50.0, 8000.0, 28)
 """Virtual stiffness (N/m)."""
 VIRTUAL_DAMPING = np.geomspace(10.0, 3000.0, 22)
@@ -87,11 +86,7 @@ def z_width(shared: Linearisation, point: OperatingPoint) -> ZWidth:
 
 
 def largest_passive(least: Callable[[float], float], row: Matrix) -> float:
-    """Return the largest virtual stiffness (N/m) that is rendered passively; 0 if not even the softest is.
-
-    Args:
-        row: `least` at `VIRTUAL_STIFFNESS`.
-    """
+    """Return the largest passive stiffness (N/m), 0 if even the softest is not; `row`: least at VIRTUAL_STIFFNESS."""
     feeding = np.flatnonzero(~(row >= -ROUNDING_TOLERANCE))
     if len(feeding) == 0:
         return float(VIRTUAL_STIFFNESS[-1])

@@ -28,7 +28,6 @@ from twin.studies.command import Say, Steps, ignore_progress
 POSITION_LOOPS, FORCE_LOOPS = LOOPS[:3], LOOPS[3:]
 LAW_LOOPS = {"position": POSITION_LOOPS, "force": FORCE_LOOPS}
 ROUNDING_TOLERANCE = 1e-9
-"""Tolerance for rounding in the magnitude of a pole."""
 MAP_STIFFNESSES = np.geomspace(100.0, 50_000.0, 41)
 """Contact stiffnesses of a stability map (N/m), from fat to a table."""
 MAP_FACTORS = np.geomspace(0.1, 300.0, 61)
@@ -40,7 +39,6 @@ class PointStability:
     """Stability of the loops at one operating point; margins only where it is stable, else they have no meaning.
 
     Attributes:
-        stable: whether every pole is inside the unit circle.
         poles: slowest decay first.
         disks: disk margins of all loops at once, opened at the "laws", at the "motors", or at "both".
         sensitivity: largest singular value of the sensitivity of all loops at once; None if unstable.
@@ -58,12 +56,10 @@ class PointStability:
 
     @property
     def least_damped_pole(self) -> Pole:
-        """The pole with the smallest damping ratio at the operating point."""
         return min(self.poles, key=lambda pole: pole.zeta)
 
     @property
     def slowest_poles(self) -> list[Pole]:
-        """The `MAX_POLES` slowest decaying poles at the operating point."""
         return self.poles[:MAX_POLES]
 
     JSON_KEYS = (
@@ -94,13 +90,7 @@ class StabilityMap:
 
 @dataclass(frozen=True)
 class Stability:
-    """Result of the linear stability analysis of an experiment.
-
-    Attributes:
-        problems: messages about points that have no linear model.
-        maps: empty if no surface is pressed.
-        checks: gain limits that were checked in the co-simulation.
-    """
+    """Result of the linear analysis: points, messages on points without a model, maps (empty if nothing is pressed)."""
 
     experiment: Experiment
     shared: Linearisation
@@ -120,7 +110,6 @@ class Stability:
         return min(limits, key=lambda pair: pair[0])[1] if limits else None
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert the stability analysis to a JSON-compatible dict (SI)."""
         c = self.experiment.controller
         return {
             "experiment": self.experiment.name,
@@ -157,7 +146,6 @@ def stability(experiment: Experiment, tried: bool = False, say: Say = ignore_pro
 
 
 def force_loop_margins(experiment: Experiment) -> list[Margins]:
-    """Compute the margins of the force loop at each operating point in contact."""
     _refuse_other_laws(experiment)
     points = [point for point in operating_points(experiment)[0] if point.in_contact and point.force_on]
     if not points:
@@ -182,10 +170,7 @@ def _refuse_other_laws(experiment: Experiment) -> None:
 
 
 def limit_checks(shared: Linearisation, judged: list[PointStability]) -> list[LimitCheck]:
-    """Check the lowest gain limits of each law, in air and in contact, in the co-simulation.
-
-    Laws without a stabilising gain are skipped.
-    """
+    """Check the lowest gain limits of each law, in air and in contact; skip laws without a stabilising gain."""
     checks: list[LimitCheck] = []
     for law, loops in LAW_LOOPS.items():
         for in_contact in (False, True):

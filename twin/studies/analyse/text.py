@@ -16,7 +16,6 @@ from twin.studies.result import NO_BREAK_SPACE, Block, Column, Note, Result, Row
 
 Numbers = NDArray[np.float64]
 DOUBTFUL_RESIDUAL = 0.03
-"""Residual of a drive's model above which the report expresses doubt."""
 TURNING_NOTE = (
     "measured while it turns: at rest its small signals drown in steps or stiction, "
     "so the numbers are valid for larger swings only"
@@ -52,7 +51,6 @@ def margins_text(margins: Margins) -> str:
 
 
 def analysis_result(done: stability.Stability, files: Sequence[str] = ()) -> Result:
-    """Return the report of a stability analysis: verdict, sources of the numbers, written files."""
     first, *verdict = _verdict(done)
     plant = done.experiment.plant
     remarks = [
@@ -85,7 +83,6 @@ def point_name(point: OperatingPoint) -> str:
 
 
 def loop_name(name: str) -> str:
-    """Return the displayed name of a control loop, such as `position z`."""
     return name.replace("_", " ")
 
 
@@ -216,7 +213,6 @@ def _unbroken_note(head: str, text: str) -> Note:
 
 
 def passivity_result(done: passivity.Passivity, files: Sequence[str] = ()) -> Result:
-    """Return the report of a passivity analysis: passive points, rendered stiffness, trial, written files."""
     passive = sum(point.bands["all"] is None and point.stable for point in done.points)
     parts = [
         *([Note(_rendering_text(done.width), "  renders   ")] if done.width is not None else []),

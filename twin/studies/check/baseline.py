@@ -45,11 +45,7 @@ class _Table(BaseModel):
 
 
 class BaselineMetric(_Table):
-    """A number of a regression baseline; a change by more than its bound in either direction is a deviation.
-
-    Attributes:
-        keep: whether the bound was chosen by a user, so that updates leave it.
-    """
+    """A number of a baseline; a change beyond its bound deviates. Updates `keep` the bounds that a user chose."""
 
     value: Number
     unit: str
@@ -84,7 +80,6 @@ class StoredCurve(_Table):
 
     @property
     def curve(self) -> SampledCurve:
-        """Stored curve as a `SampledCurve` for comparison."""
         return SampledCurve(
             self.signal, self.unit, np.array(self.t_s), np.array(self.values), self.tolerance, self.dt_s
         )
@@ -140,21 +135,16 @@ def baseline_file(folder: Path, experiment: str, drive: str) -> Path:
 
 
 def stored_experiments(folder: Path) -> list[str]:
-    """Return the names of the experiments with a regression baseline in a folder."""
     return sorted({file.parent.name for file in folder.glob("*/*.toml")})
 
 
 def stored_drives(folder: Path, experiment: str) -> list[str]:
-    """Return the names of the drives with a regression baseline of an experiment in a folder."""
     files = sorted((folder / experiment).glob("*.toml")) if os.path.isdir(folder) else []
     return [read_baseline(file).drive for file in files]
 
 
 def fingerprint(experiment: Experiment) -> str:
-    """Return the hash of an experiment's values, drives included; if it differs, results may differ.
-
-    FMU files are left out, because they have hashes of their own.
-    """
+    """Return the hash of an experiment's values and drives, without FMU files, which have hashes of their own."""
     values = {key: value for key, value in experiment.values.items() if key not in _NEUTRAL_TABLES}
     for table in ("robot", "plant"):
         values[table] = {key: value for key, value in values[table].items() if key not in _REFUSAL_KEYS}
@@ -186,13 +176,7 @@ def baseline_of(
 
 
 def known_baseline(folder: Path, experiment: str, drive: str) -> Baseline | None:
-    """Read the regression baseline of an experiment with a drive; None if missing.
-
-    Drives are distinguished by their file names.
-
-    Raises:
-        InputRefused: the file is unreadable, not a baseline, or the baseline of another pair.
-    """
+    """Read the baseline of an experiment with a drive, distinguished by its file name; None if missing."""
     file = baseline_file(folder, experiment, drive)
     # not Path.exists, which raises for names that are too long
     if not os.path.exists(file):
@@ -207,7 +191,6 @@ def known_baseline(folder: Path, experiment: str, drive: str) -> Baseline | None
 
 
 def read_baseline(file: Path) -> Baseline:
-    """Read and validate a regression baseline file."""
     try:
         table = read_toml(file)
     except InputRefused as problem:
@@ -233,7 +216,6 @@ def baseline_text(baseline: Baseline) -> str:
 
 
 def write_baseline(file: Path, text: str) -> None:
-    """Write a regression baseline file, creating its folder."""
     make_folder(file.parent)
     write_text(file, text)
 

@@ -25,7 +25,6 @@ from twin.studies.check.verdict import CheckRow, CheckVerdict, verdict
 from twin.studies.command import Say
 
 ALL_DRIVES = "all"
-"""Name for all drives of fmus/."""
 CHECK_JOB = "twin.studies.check.job:check_pairs"
 
 
@@ -74,7 +73,6 @@ def check(experiment: str | Path, drive: str | None = None, baselines: str | Pat
 
 
 def measure_with_drive(file: Path, drive: str) -> tuple[Experiment, Measurement]:
-    """Run the experiment in `file` with a drive at every joint and measure it."""
     experiment = _load(file, drive)
     return experiment, measure_signals(experiment, run_for_measures(experiment))
 
@@ -131,7 +129,6 @@ class CheckOutcome:
 
     @classmethod
     def from_note(cls, note: dict[str, Any]) -> "CheckOutcome":
-        """Rebuild the outcome of a check from the dictionary that a worker process sent."""
         return TypeAdapter(cls).validate_python(note)
 
 
@@ -169,10 +166,7 @@ def pairs(
 
 
 def _file_of(name: str) -> Path:
-    """Return the file of an experiment that has a regression baseline.
-
-    A deleted file does not stop the other checks; it is reported when its pair is checked.
-    """
+    """Return the file of an experiment with a baseline; a deleted file is reported when its pair is checked."""
     here = Path(f"{name}.toml")
     return here if here.is_file() else locate_file(f"experiments/{name}.toml", Path.cwd())
 
@@ -207,14 +201,7 @@ def _outcome(pair: Pair, date: str, reason: str) -> CheckOutcome:
 
 
 def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> list[CheckOutcome]:
-    """Check pairs of experiment and drive in several processes and return their outcomes in order.
-
-    Args:
-        processes: number of parallel processes; 0 to run in this process, which a crashing drive then ends.
-
-    Raises:
-        KeyboardInterrupt: after every process has ended.
-    """
+    """Check pairs in several processes (0: in this one, which a crash ends); return outcomes in order."""
     arguments: dict[str, Any] = {"date": date.today().isoformat(), "reason": reason}
     found: dict[Pair, CheckOutcome] = {}
 

@@ -46,9 +46,7 @@ Sense = Literal["less", "nearer zero", "none"]
 REFERENCE_THETA_L = "reference.theta_l"
 """Load angles (rad) that place the platform of the controller's model at controller.p_ref_B."""
 SETTLING_FLOOR = 0.02
-"""Floor of settling times (s): responses leave their band so flat that a count moves the instant by far more than a
-tick.
-"""
+"""Floor of settling times (s): flat responses leave their band, so a count shifts the time by more than a tick."""
 LAG_FLOOR = 5e-4
 """Floor of lags (s), which are resolved below a tick, so that a delay of one tick of 1 ms is noticed."""
 TUBE_POINTS = 40
@@ -95,12 +93,7 @@ def floor_of(unit: str) -> float:
 
 @dataclass(frozen=True)
 class Signals:
-    """Signals of a completed run at every tick, by the names used in [[measure]] tables.
-
-    Attributes:
-        believed: geometry of the controller's model.
-        fmus: file name -> SHA-256 of every FMU of the run.
-    """
+    """Signals of a completed run at every tick, by their names in [[measure]]; `fmus`: file name -> SHA-256."""
 
     run: Trace
     believed: Geometry
@@ -119,7 +112,6 @@ class Signals:
         return -values if signal.startswith("-") else values
 
     def unit(self, signal: str) -> str:
-        """Return the SI unit of a signal."""
         vector, _ = split_signal(signal.removeprefix("-"))
         return "rad" if vector == REFERENCE_THETA_L else self.run.fields()[vector].unit
 
@@ -135,7 +127,6 @@ def split_signal(signal: str) -> tuple[str, int | None]:
 
 
 def run_for_measures(experiment: Experiment) -> Signals:
-    """Run an experiment in this process and return its signals for the measures."""
     run = Trace()
     with assemble(experiment) as assembly:
         refuse_unknown(experiment, assembly.system)
@@ -172,10 +163,7 @@ def refuse_unknown(experiment: Experiment, system: System) -> None:
 
 
 def _signals(measure: Measure) -> list[tuple[str, str]]:
-    """Return the signals that a [[measure]] table names, as pairs (key of the table, signal).
-
-    The keys are "signal" and "reference". Empty for measures without these keys, such as a path or a requirement.
-    """
+    """Return the (key, signal) pairs of a [[measure]] table; empty without "signal" and "reference"."""
     named = [("signal", measure.signal)] if isinstance(measure, SignalMeasure) else []
     return [*named, ("reference", measure.reference)] if isinstance(measure, ReferenceMeasure) else named
 
@@ -217,7 +205,6 @@ class Measurement:
 
 
 def measure_signals(experiment: Experiment, signals: Signals) -> Measurement:
-    """Evaluate all measures of an experiment on the signals of its run."""
     if not experiment.measures:
         raise InputRefused(f"{experiment.name}: has no [[measure]] tables to check; see docs/regression.md")
     metrics: Metrics = {}

@@ -81,7 +81,6 @@ def _words(verdicts: Sequence[CheckVerdict]) -> str:
 
 
 def _is_new(verdict: CheckVerdict) -> bool:
-    """Whether a check had no baseline to compare with."""
     return all(row.word == "new" for row in verdict.rows)
 
 

@@ -43,14 +43,7 @@ class CheckRow:
 
 @dataclass(frozen=True)
 class TubeDeparture:
-    """A curve that leaves the tube around its baseline, at the tube's instants t (s), (n,).
-
-    Its values are in `unit`, NaN where it has no value.
-
-    Attributes:
-        before: the baseline.
-        lower, upper: the tube around it.
-    """
+    """A curve that leaves the tube around its baseline at instants t (s), (n,), in `unit`, NaN without a value."""
 
     name: str
     signal: str
@@ -64,12 +57,7 @@ class TubeDeparture:
 
 @dataclass(frozen=True)
 class CheckVerdict:
-    """Comparison of a measurement, of an experiment with one drive, with its baseline.
-
-    Attributes:
-        notes: other changes, one sentence each.
-        outside: curves that leave their tubes.
-    """
+    """Comparison of a measurement, of an experiment with one drive, with its baseline."""
 
     experiment: str
     drive: str

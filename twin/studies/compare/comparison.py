@@ -36,11 +36,7 @@ NO_ALIGNMENT = Alignment()
 def read_logs(
     a: Path, b: Path, maps: Sequence[str] = (), part: tuple[float | None, float | None] = (None, None)
 ) -> tuple[Log, Log]:
-    """Read the two logs to compare.
-
-    Names in a CSV file may refer to signals of the other log, see `read_csv`; `part` is the compared time span (start,
-    end) in s.
-    """
+    """Read the compared time span `part` (s) of two logs; a CSV may name signals of the other, see `read_csv`."""
     columns = column_map(maps)
     if columns and is_recording(a) and is_recording(b):
         raise ComparisonError("--map: both are recordings of twin, whose signals have their names; leave it out")
@@ -53,10 +49,7 @@ def read_logs(
 
 
 def experiments_differ(a: Path, b: Path) -> Differences | None:
-    """Return the differences between the experiments of two recorded runs: key -> (value in A, value in B).
-
-    None if either file records no experiment.
-    """
+    """Return the differences of two runs' experiments, key -> (in A, in B); None if either records no experiment."""
     if not (is_recording(a) and is_recording(b)):
         return None
     try:
@@ -111,7 +104,6 @@ class Comparison:
 
     @property
     def is_inside(self) -> bool:
-        """Whether every compared signal stays in its tolerance tube."""
         return not self.outside_rows
 
     JSON_KEYS = "a b identical inside=is_inside covered=least_coverage.1 shift=shift.seconds rows only_a only_b notes"

@@ -20,10 +20,7 @@ A_COLOUR, B_COLOUR, OUT_COLOUR = PAPER_BLUE, PAPER_ORANGE, "#b3261e"
 
 
 def draw_comparison(comparison: Comparison, path: Path) -> None:
-    """Draw the worst signals of a comparison of two logs to `path` (PNG), at most `MAX_CURVES`.
-
-    Each of several equal signals is drawn once.
-    """
+    """Draw the worst signals to `path` (PNG), at most `MAX_CURVES`, each of several equal signals once."""
     rows = distinct_signals(comparison)[:MAX_CURVES]
     columns = 1 if len(rows) == 1 else 2
     deep = -(-len(rows) // columns)

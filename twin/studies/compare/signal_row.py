@@ -8,9 +8,7 @@ from twin.kernel.recording.logs.log import LogSeries, in_gap
 from twin.studies.compare.tolerance import Allowance, Curve, Tube, reach
 
 LOST_SAMPLE = 2.0
-"""Maximum spacing of samples (periods) without a gap: a log of half the rate covers all its time, and an occasionally
-lost sample leaves no hole.
-"""
+"""Maximum spacing (periods) without a gap: half the rate, or an occasionally lost sample, leaves no hole."""
 
 
 @dataclass(frozen=True)
@@ -66,10 +64,7 @@ class TubeCurves:
 
 
 def tube_curves(ours: LogSeries, theirs: LogSeries, allowed: Allowance) -> TubeCurves:
-    """Evaluate both logs' signal and its tolerance tube at the samples of the sparser log, outside of gaps.
-
-    n may be 0.
-    """
+    """Evaluate both logs' signal and its tube at the samples of the sparser log outside of gaps; n may be 0."""
     start, end = max(ours.t[0], theirs.t[0]), min(ours.t[-1], theirs.t[-1])
     count = [np.sum((series.t >= start) & (series.t <= end)) for series in (ours, theirs)]
     t = ours.t if count[0] <= count[1] else theirs.t

@@ -62,7 +62,6 @@ def comparison_result(comparison: Comparison, partial: bool = False, differences
 
 
 def display_unit(unit: str) -> tuple[str, float]:
-    """Return the displayed unit for an SI unit, and the factor to it."""
     return DISPLAY_UNITS.get(unit, (unit, 1.0))
 
 

@@ -66,7 +66,6 @@ class Rule:
     dt: float | None = None
 
     def fits(self, signal: str) -> bool:
-        """Whether the tolerance rule applies to a signal."""
         return matches(self.pattern, signal)
 
 
@@ -133,10 +132,7 @@ def allowance(signal: str, unit: Unit, span: float, magnitude: float, given: Ite
 
 
 def _table(path: Path, mistakes: list[str]) -> dict[str, object]:
-    """Return the tolerance rules `"controller.F_z" = TEXT` of a TOML file.
-
-    Nested tables, due to unquoted dots in names, are flattened.
-    """
+    """Return the rules `"controller.F_z" = TEXT` of a TOML file, with the tables of unquoted dots flattened."""
     try:
         content = read_toml(path)
     except InputRefused as problem:
@@ -189,14 +185,10 @@ class Tube(NamedTuple):
     upper: Curve
 
     def widen(self, tolerance: float) -> "Tube":
-        """Return the tube widened by `tolerance` below and above."""
         return Tube(self.lower - tolerance, self.upper + tolerance)
 
     def excess(self, values: Curve) -> Curve:
-        """Return the distance of values (n,) from the tube: positive above, negative below, 0 inside.
-
-        It is infinite for values that are not numbers.
-        """
+        """Return the distance of values (n,) from the tube: > 0 above, < 0 below, 0 inside, infinite for NaN."""
         above, below = np.maximum(values - self.upper, 0.0), np.minimum(values - self.lower, 0.0)
         return np.where(np.isfinite(above + below), above + below, np.inf)
 
@@ -273,7 +265,6 @@ def alignment(kind: str, signal: str = "", max_shift: float = 1.0) -> Alignment:
 
 
 def time_shift(a: Log, b: Log, how: Alignment) -> TimeShift:
-    """Compute the time shift that aligns the second log with the first."""
     if how.kind == "none":
         return TimeShift()
     if how.kind == "start":
@@ -301,10 +292,7 @@ def _event_shift(a: Log, b: Log, signal: str) -> TimeShift:
 
 
 def _best_shift(ours: LogSeries, theirs: LogSeries, limit: float) -> TimeShift:
-    """Find the time shift with the least rms difference of two signals, on a grid that is then refined.
-
-    A grid, because the rms may have several minima.
-    """
+    """Find the shift of least rms difference on a grid, as the rms may have several minima, then refine."""
     # imported here, because scipy loads slowly
     from scipy.optimize import minimize_scalar
 
@@ -337,12 +325,7 @@ def _best_shift(ours: LogSeries, theirs: LogSeries, limit: float) -> TimeShift:
 
 
 def common_units(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) -> dict[str, Unit]:
-    """Return the signals that both logs have and that are to be compared, with their units.
-
-    Args:
-        signals: patterns; empty for all common signals.
-        given: tolerance rules; each must match a signal of the logs.
-    """
+    """Return the signals of both logs to compare (patterns; empty for all) with units; each rule must match one."""
     common = [name for name in a.series if name in b.series]
     if not common:
         raise ComparisonError(_nothing_in_common(a, b))
@@ -371,10 +354,7 @@ def common_units(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) 
 
 
 def signal_ranges(a: Log) -> dict[str, float]:
-    """Return the range of each signal; for a vector's components the range of the widest one.
-
-    A component that is only noise has no scale of its own.
-    """
+    """Return the range of each signal, for a component the vector's widest, since noise alone has no scale."""
     widest: dict[str, float] = {}
     for name, series in a.series.items():
         finite = series.values[np.isfinite(series.values)]
@@ -384,7 +364,6 @@ def signal_ranges(a: Log) -> dict[str, float]:
 
 
 def no_overlap(a: Log, b: Log, name: str, seconds: float) -> str:
-    """Return the error message for two logs without common instants after alignment."""
     ours, theirs = a[name].t, b[name].t + seconds
     ends = f"{a.path} has {ours[0]:.6g} .. {ours[-1]:.6g} s, {b.path} has {theirs[0]:.6g} .. {theirs[-1]:.6g} s"
     return f"no instants in common: {ends}; align them with --align start, or event or fit with --by SIGNAL"

@@ -1,18 +1,24 @@
-"""Step halving: every coupling at several ticks against one reference."""
+"""Step halving: every coupling at several ticks against one reference, without quantisation to ticks or counts.
+
+An error in the time of an event is of order one in the tick for any coupling; an encoder's count is as large as many a
+coupling error; and a trigger decided by a count shifts by whole periods.
+"""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.robot.experiment.experiment import Experiment, shorten
+from twin.robot.assembly.roles import refuse_third_party_parts
+from twin.robot.experiment.experiment import Experiment, shorten, with_exact_encoders, with_plant
 from twin.robot.mechanism.statics import G_ACCELERATION
+from twin.robot.run.trace import run_in_memory
 from twin.studies.command import Say, Steps, ignore_progress
-from twin.studies.converge.coupling import COUPLINGS, Coupling
-from twin.studies.converge.order import Order, observed_order
 from twin.studies.converge.power import PowerResidual, power_residuals
-from twin.studies.converge.reference import ReferenceRun, reference_of
+from twin.studies.converge.reference import COUPLINGS, Coupling, ReferenceRun, reference_of
 from twin.studies.converge.signals import (
     COMPARED_SIGNALS,
     FORCE_SIGNAL,
@@ -21,18 +27,112 @@ from twin.studies.converge.signals import (
     largest_errors,
     sampled_run,
 )
-from twin.studies.converge.smooth import SmoothExperiment, comparable_experiment, without_friction
 
 TICK_SHARES = (2.0, 1.0, 0.5, 0.25, 0.125)
 """Ticks to run, in ticks of the experiment; those incompatible with periods or drives are left out."""
+MAX_SLOPE_SPREAD = 0.3
+"""Maximum spread of the slopes of neighbouring pairs for a power law."""
+MIN_ERRORS = 3
+"""Minimum number of errors above the floor for a slope that can be checked."""
+MIN_SLOPE = 0.5
+"""Minimum slope of an order: a smaller one is not due to the coupling."""
+OUT_OF_REACH = 1e9
+"""A trigger force (N) that is never reached."""
+
+
+class OrderFinding(StrEnum):
+    """Reliability of an observed order of convergence."""
+
+    SMOOTH = "smooth"
+    NOT_SMOOTH = "not smooth"
+    NOT_FALLING = "does not fall with the tick"
+    AT_FLOOR = "at the reference's own accuracy"
+    UNSTABLE = "not stable at every tick"
+
+
+@dataclass(frozen=True)
+class Order:
+    """Observed order of convergence p in error = C tick^p; if meaningless, `slope` is None, `finding` the reason."""
+
+    slope: float | None
+    finding: OrderFinding
+
+
+def observed_order(ticks: ArrayLike, errors: ArrayLike, floor: float) -> Order:
+    """Fit the order of convergence by least squares in log-log over the errors that the coupling causes.
+
+    Args:
+        ticks: s, (n,).
+        errors: >= 0, infinite for a failed run, (n,).
+        floor: accuracy of the reference; errors up to ten times this are left out.
+    """
+    h, e = np.asarray(ticks, dtype=float), np.asarray(errors, dtype=float)
+    if not np.all(np.isfinite(e)):
+        return Order(None, OrderFinding.UNSTABLE)
+    clear = e > 10.0 * floor
+    if np.count_nonzero(clear) < MIN_ERRORS:
+        return Order(None, OrderFinding.AT_FLOOR)
+    by_tick = np.argsort(h[clear])
+    log_h, log_e = np.log(h[clear][by_tick]), np.log(e[clear][by_tick])
+    pairs = np.diff(log_e) / np.diff(log_h)
+    slope = float(np.polyfit(log_h, log_e, 1)[0])
+    if slope < MIN_SLOPE:
+        return Order(None, OrderFinding.NOT_FALLING)
+    return Order(slope, OrderFinding.NOT_SMOOTH if np.ptp(pairs) > MAX_SLOPE_SPREAD else OrderFinding.SMOOTH)
+
+
+@dataclass(frozen=True)
+class SmoothExperiment:
+    """An experiment without quantisation, and a phrase for each removed effect."""
+
+    experiment: Experiment
+    changes: tuple[str, ...]
+
+
+def comparable_experiment(experiment: Experiment) -> SmoothExperiment:
+    """Return the experiment with exact encoders and a force loop triggered by time instead of by force."""
+    if experiment.faults:
+        raise InputRefused(f"{experiment.name}: has faults, whose effect is not a coupling error; remove [[fault]]")
+    if experiment.tasks:
+        raise InputRefused(
+            f"{experiment.name}: its tasks change phase at the measured force, so two runs are not comparable "
+            "in time; choose an experiment with a [reference]"
+        )
+    p = experiment.plant
+    if p.spring_hysteresis or p.spring_stop is not None:
+        key = "spring_hysteresis" if p.spring_hysteresis else "spring_stop_deg"
+        raise InputRefused(
+            f"{experiment.name}: [plant] {key}: the energy that a coupling makes is known only for springs "
+            "without hysteresis and stop; remove it from [plant]"
+        )
+    changes = ["encoders exact"]
+    smooth = with_exact_encoders(experiment)
+    refuse_third_party_parts(experiment, "a study of the coupling", ("controller", "estimator"))
+    if experiment.monitor is not None:
+        # the monitor assumes the robot's real encoders
+        smooth = replace(smooth, monitor=None)
+        changes.append("no safety monitor")
+    triggered = np.flatnonzero(run_in_memory(experiment, only=["controller.triggered"]).held("controller.triggered"))
+    if len(triggered) and experiment.controller.force.trigger is not None:
+        when = float(triggered[0] * experiment.cosim.tick)
+        force = experiment.controller.force.model_copy(update={"trigger": OUT_OF_REACH, "trigger_time": when})
+        smooth = replace(smooth, controller=smooth.controller.model_copy(update={"force": force}))
+        changes.append(f"force loop on at {when:g} s, not by force")
+    return SmoothExperiment(smooth, tuple(changes))
+
+
+def without_friction(smooth: SmoothExperiment) -> SmoothExperiment:
+    """Remove backlash and friction from an experiment, too, so that its motion has no events."""
+    experiment = with_plant(smooth.experiment, backlash=0.0, joint_friction=0.0)
+    contact = experiment.contact.model_copy(update={"friction": 0.0})
+    return SmoothExperiment(
+        replace(experiment, contact=contact), (*smooth.changes, "no backlash", "no friction under the head")
+    )
 
 
 @dataclass(frozen=True)
 class TickPoint:
-    """One run of a coupling study: tick (s), largest error of each signal, wall time per simulated time.
-
-    The errors are SI, infinite if the run failed.
-    """
+    """One run: tick (s), largest error of each signal (SI, infinite if it failed), wall time per simulated time."""
 
     tick: float
     errors: dict[str, float]

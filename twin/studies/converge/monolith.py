@@ -46,10 +46,7 @@ RTOL, ATOL = 1e-9, np.array([1e-10] * 12 + [1e-8] * 2)
 
 
 class ComponentStepper:
-    """A component that is evaluated outside any system, from all its inputs to all its outputs.
-
-    A call raises `ValueError` for a wrong number of inputs, `ComponentFailed` for a bad status.
-    """
+    """A component outside any system; raises `ValueError` for wrong inputs, `ComponentFailed` for a bad status."""
 
     def __init__(self, component: Component):
         self.component = component
@@ -70,10 +67,7 @@ class ComponentStepper:
     def outputs_by_port(
         self, u: NDArray[np.float64] | Mapping[str, NDArray[np.float64]], t: float = 0.0, h: float = 2e-3
     ) -> dict[str, NDArray[np.float64]]:
-        """Step the component once and return its outputs by port.
-
-        A mapping may have other entries.
-        """
+        """Step the component once and return its outputs by port; a mapping may have other entries."""
         if isinstance(u, Mapping):
             u = np.concatenate([np.atleast_1d(u[port.name]) for port in self.component.inputs])
         y = self(u, t, h)
@@ -159,10 +153,7 @@ def servos(plans: tuple[DrivePlan, ...]) -> Servos | None:
 
 
 def has_monolithic_form(experiment: Experiment) -> bool:
-    """Whether an experiment can be run as one differential equation.
-
-    It must have no motion, change, delay, noise, monitor or dry friction.
-    """
+    """Whether the experiment has no motion, change, delay, noise, monitor or friction, so that one equation serves."""
     return not (
         experiment.tasks
         or experiment.faults
@@ -180,14 +171,10 @@ def has_monolithic_form(experiment: Experiment) -> bool:
     )
 
 
-def monolithic_rows(
-    experiment: Experiment, drives: Servos, rtol: float = RTOL, atol: NDArray[np.float64] = ATOL
-) -> dict[str, NDArray[np.float64]]:
+def monolithic_rows(experiment: Experiment, drives: Servos) -> dict[str, NDArray[np.float64]]:
     """Run an experiment as one differential equation, without any coupling error.
 
-    Args:
-        experiment: its [cosim] scheme has no effect.
-        rtol, atol: tolerances of the solver, (14,) as the state of `CoupledEquations`.
+    Its [cosim] scheme has no effect.
 
     Returns:
         Outputs of the plant by "plant.port", and "theta_m", "omega_m" and "omega_ref" (n, 3): one row per tick of the
@@ -212,7 +199,7 @@ def monolithic_rows(
         def rate(_t: float, x: NDArray[np.float64], omega_ref: NDArray[np.float64] = omega_ref) -> NDArray[np.float64]:
             return coupled.derivative(omega_ref, x)
 
-        solver = DOP853(rate, 0.0, x, T_s, first_step=T_s, rtol=rtol, atol=atol)
+        solver = DOP853(rate, 0.0, x, T_s, first_step=T_s, rtol=RTOL, atol=ATOL)
         while solver.status == "running":
             solver.step()
         x = solver.y
@@ -222,10 +209,7 @@ def monolithic_rows(
 
 
 def within_limits(rows: dict[str, NDArray[np.float64]], drives: Servos) -> bool:
-    """Whether the servos of a run stayed within the validity limits of their equations.
-
-    Acceleration and torque are largest there: between two commands a servo only relaxes.
-    """
+    """Whether the servos kept their limits at each command, after which a servo only relaxes."""
     lag = rows["omega_ref"] - drives.droop * rows["plant.tau_load"] - rows["omega_m"]
     alpha = np.abs(np.divide(lag, drives.T_m, out=np.zeros_like(lag), where=drives.T_m > 0.0))
     tau_motor = np.abs(rows["plant.tau_load"]) + drives.J_m * alpha

@@ -45,7 +45,6 @@ def draw_convergence(study: CouplingStudy, path: Path) -> None:
 
 
 def _draw_tolerance(by_tick: Axes, by_cost: Axes, study: CouplingStudy) -> None:
-    """Draw the tolerance of the force and mark the recommended run of a coupling study."""
     limit = FORCE_SIGNAL.scale * study.tolerance
     for axes in (by_tick, by_cost):
         axes.axhline(limit, color=RED, lw=1.0, ls="--")

@@ -1,18 +1,52 @@
-"""Reference runs for the comparison of couplings."""
+"""Couplings of drives and plant in the order of their complexity, and the reference run that judges them."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from twin.kernel.cosim.interpolation import Inputs, Scheme
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.build import plant_parameters
-from twin.robot.experiment.experiment import Experiment
-from twin.studies.converge.coupling import FINEST_COUPLING
+from twin.robot.experiment.experiment import Experiment, with_cosim
 from twin.studies.converge.monolith import ATOL, has_monolithic_form, monolithic_rows, servos, within_limits
 from twin.studies.converge.signals import FORCE_SIGNAL, Samples, largest_errors, sampled_run, signal_samples
 
 FINE_STEPS = 32
 """Steps of the finest run per tick of the experiment: 1/16 of the error of order two at an eighth of the tick."""
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A coupling of drives and plant: scheme, input mode and iterations of the co-simulation."""
+
+    scheme: Scheme
+    inputs: Inputs
+    iterations: int = 1
+
+    @property
+    def name(self) -> str:
+        """Name of the coupling in the terms of [cosim]; "2 times" stands for iterations = 2."""
+        again = f", {self.iterations} times" if self.iterations > 1 else ""
+        return f"{self.scheme}, {self.inputs}{again}"
+
+    @property
+    def expected_order(self) -> int:
+        """Expected order of the coupling error for smooth signals: 1 for held inputs, 2 for linear ones."""
+        return 1 if self.inputs == "hold" else 2
+
+    def apply_to(self, experiment: Experiment, tick: float) -> Experiment:
+        return with_cosim(experiment, tick=tick, scheme=self.scheme, inputs=self.inputs, iterations=self.iterations)
+
+
+COUPLINGS = (
+    Coupling("gauss_seidel", "hold"),
+    Coupling("jacobi", "hold"),
+    Coupling("gauss_seidel", "linear"),
+    Coupling("jacobi", "linear"),
+    Coupling("gauss_seidel", "linear", iterations=2),
+)
+FINEST_COUPLING = Coupling("gauss_seidel", "linear")
+"""The most accurate coupling that every drive supports."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +59,6 @@ class ReferenceRun:
 
     @property
     def is_pressing(self) -> bool:
-        """Whether the robot ever presses in the reference run."""
         return bool(np.any(self.samples[FORCE_SIGNAL.name]))
 
 

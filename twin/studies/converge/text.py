@@ -5,8 +5,7 @@ from itertools import zip_longest
 from math import isfinite
 
 from twin.kernel.serialise import to_dict
-from twin.studies.converge.convergence import CouplingSeries, CouplingStudy, TickPoint
-from twin.studies.converge.order import Order, OrderFinding
+from twin.studies.converge.convergence import CouplingSeries, CouplingStudy, Order, OrderFinding, TickPoint
 from twin.studies.converge.signals import COMPARED_SIGNALS, FORCE_SIGNAL, Signal
 from twin.studies.result import Block, Column, Note, Result, Table, note
 
@@ -24,11 +23,9 @@ ORDER_REMARKS = {
     OrderFinding.AT_FLOOR: ("-", "too few errors are above the reference's own to make an order"),
     OrderFinding.UNSTABLE: ("!", "a run failed: the coupling is not stable at that tick"),
 }
-"""Marks of orders, and their meaning."""
 
 
 def convergence_result(study: CouplingStudy, files: dict[str, str]) -> Result:
-    """Return the report of a coupling study."""
     headline, *others = _headline(study)
     parts: list[Block] = [
         *others,
@@ -62,7 +59,8 @@ def _headline(study: CouplingStudy) -> list[Block]:
         f"  the longest tick, and the simplest coupling there, that keeps F_z within {limit}:",
         f"  {_number(1e3 * point.errors[FORCE_SIGNAL.name])} mN, for {1e3 * point.cost:.1f} ms of computing per second",
     ]
-    if (own := _own_point(study)) is not None:
+    own = next((_point_at(one, study.tick) for one in study.series if one.coupling == study.coupling), None)
+    if own is not None:
         error, cost = _number(1e3 * own.errors[FORCE_SIGNAL.name]), 1e3 * own.cost
         blocks.append(f"  as it is, {study.coupling.name} at {1e3 * study.tick:g} ms: {error} mN, {cost:.1f} ms")
         blocks += _why_not(study, own)
@@ -94,11 +92,6 @@ def _settings(study: CouplingStudy) -> str:
     settings |= {name: str(getattr(new, name)) for name in ("scheme", "inputs", "iterations")
              if getattr(new, name) != getattr(old, name)}  # fmt: skip
     return " ".join(f"--set cosim.{key}={value}" for key, value in settings.items())
-
-
-def _own_point(study: CouplingStudy) -> TickPoint | None:
-    """Return the run with the experiment's own coupling and tick; None if missing."""
-    return next((_point_at(one, study.tick) for one in study.series if one.coupling == study.coupling), None)
 
 
 def _point_at(one: CouplingSeries, tick: float) -> TickPoint | None:

@@ -33,13 +33,11 @@ from twin.studies.sweep.plan import Task
 MAX_PASTS = 8
 """Maximum number of pasts in one process: a body each, at rest and moved."""
 TRIAL_JOB = "twin.studies.falsify.judge:judge_run"
-"""The job of a worker process."""
 
 
 @functools.cache
 def _runs(signals: frozenset[str], most: int) -> Runs:
-    """Return this process's runner of experiments, which keeps `signals`; a past shared by runs is simulated on its
-    second request."""
+    """Return this process's runner that keeps `signals`; a past shared by runs is simulated on its second request."""
     return Runs(RunRequest(signals, check=refuse_unknown), after=1, most=most)
 
 
@@ -49,8 +47,7 @@ def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: st
     A failed component ends the run; requirements are judged until then.
 
     Args:
-        path, drive: unused; the experiment file states both.
-        claims: unused.
+        path, drive, claims: unused; the experiment file states path and drive.
 
     Returns:
         The distances, and "trip", the tick of the trip or None; without faults also "onsets": ticks in contact
@@ -85,8 +82,7 @@ def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: st
 
 
 class Judge:
-    """Judge of faults: it makes runs, and returns their distances from a violation as shares of the healthy distance on
-    the same body."""
+    """Judge of faults: runs them, and returns their distances from a violation as shares of the healthy distance."""
 
     def __init__(
         self,
@@ -109,11 +105,7 @@ class Judge:
         self.seconds = 0.0
 
     def run_healthy(self) -> list[int]:
-        """Run the healthy robot on each body, and return the first fault onsets to try (ticks).
-
-        Raises:
-            InputRefused: a run violates a requirement. ComponentFailed, SafetyTrip: a run fails, or trips.
-        """
+        """Run the healthy robot on each body, and return the first fault onsets to try (ticks)."""
         unbroken = [TriedFault("", body=body) for body in self._space.bodies]
         onsets: list[int] = []
         for wrong, facts in zip(unbroken, self._run_batch(unbroken), strict=True):
@@ -138,8 +130,7 @@ class Judge:
         return onsets
 
     def shares(self, batch: Sequence[TriedFault]) -> list[float]:
-        """Run each fault of `batch`, up to the failure of a component if any, and return its distance from a violation
-        as a share of the healthy distance; infinite for a refused run."""
+        """Run the faults of `batch`; return distances as shares of the healthy one, infinite for a refused run."""
         shares = []
         for wrong, facts in zip(batch, self._run_batch(batch), strict=True):
             distances = {name: self._distance(facts, name) for name in self._scales}
@@ -155,8 +146,7 @@ class Judge:
         return shares
 
     def _without_fault(self, wrong: TriedFault) -> str:
-        """Run the healthy robot at the place of a fault, and return the reason why the place is unsuitable: it
-        violates, trips or fails; "" if suitable."""
+        """Run the healthy robot at the place of a fault; return why the place is unsuitable, "" if suitable."""
         unbroken = TriedFault("", body=wrong.body, offset=wrong.offset)
         if unbroken not in self._moved:
             (facts,) = self._run_batch([unbroken])
@@ -171,8 +161,7 @@ class Judge:
         return math.inf if value is None else value
 
     def trip(self, wrong: TriedFault) -> int:
-        """Return the tick for delaying the second fault of an ordered pair: the trip that the first fault causes, or
-        its onset without a trip."""
+        """Return the tick for delaying an ordered pair's second fault: the first one's trip, else its onset."""
         return self._trips[self._space.first_alone(wrong)] if SEQUENCE_SEPARATOR in wrong.kind else 0
 
     def _run_batch(self, batch: Sequence[TriedFault]) -> list[dict]:
@@ -195,11 +184,7 @@ class Judge:
 
 
 def requirements_of(experiment: Experiment, texts: Sequence[str], path: Path) -> list[Requirement]:
-    """Parse the requirements, and check them against the signals that a recording of `experiment` has.
-
-    Raises:
-        InputRefused: no requirement was given, or a requirement cannot be judged.
-    """
+    """Parse the requirements, and check them against the signals that a recording of `experiment` has."""
     if experiment.faults:
         raise InputRefused(f"{path}: has [[fault]] tables; the search inserts one fault at a time, remove them")
     named = [

@@ -20,14 +20,12 @@ Judgement = Callable[[Sequence[TriedFault]], list[float]]
 """Returns the distance of each run from a violation as a share of the healthy distance; negative if violated."""
 
 POPULATION_SIZE = 6
-"""Population of differential evolution: at least 5 for its mutation; small, since the space has two to five
-dimensions and the runs are few."""
+"""Population of differential evolution: at least 5 for its mutation; small, since dimensions and runs are few."""
 RACE_SHARE = 0.7
 """Maximum share of the runs for the race, in addition to the first run of every kind."""
 MIN_SPEED_SHARE = 0.01
 """Minimum share of the speed of a drive that creeps after a trip; 0 has no direction."""
 SEED_COUNT = 1000
-"""Number of seeds that the search draws from."""
 
 
 def _number(kind: str) -> int:
@@ -41,8 +39,6 @@ class Search:
     """Search over a space of faults, with all runs tried so far.
 
     Attributes:
-        space: space of faults.
-        judge: returns the shares of runs.
         runs: maximum number of runs.
         onsets: ticks to try first.
         tried: share of every run, in the order of the runs.
@@ -55,8 +51,7 @@ class Search:
     tried: dict[TriedFault, float] = field(default_factory=dict)
 
     def spend_runs(self) -> None:
-        """Run the whole search: a race over all fault kinds, then evolution of the violating kinds, until the budget of
-        runs is spent."""
+        """Run the race over all fault kinds, then evolution of the violating kinds, until the runs are spent."""
         self._race()
         found = sorted((share, kind) for kind, (_, share) in self.worst.items())
         violated = [kind for share, kind in found if share < 0.0] or [kind for _, kind in found[:1]]
@@ -105,8 +100,7 @@ class Search:
         return max(0, self.runs - len(self.tried))
 
     def _try(self, batch: Sequence[TriedFault]) -> list[float]:
-        """Run the faults of `batch`, and return their shares of the healthy distance; infinite for new runs that exceed
-        the maximum."""
+        """Run the faults of `batch`; return their shares of the healthy distance, infinite beyond the run limit."""
         fresh = list(dict.fromkeys(wrong for wrong in batch if wrong not in self.tried))[: self._runs_left]
         if fresh:
             self.tried.update(zip(fresh, self.judge(fresh), strict=True))

@@ -35,7 +35,6 @@ class Place(NamedTuple):
     """Place of a fault: target, direction and body.
 
     Attributes:
-        target: a target of the kind.
         ways: direction of each fault of a set: 1 as in the catalogue; -1 the other sign, or the inverse of a factor.
         body: body that is pressed on; None for the experiment's own.
     """
@@ -54,7 +53,6 @@ class TriedFault:
         target: target of the kind; targets of a set joined by "+".
         magnitude: magnitude in the catalogue's unit; None for kinds without one, and for sets of several.
         onset: tick.
-        body: body that is pressed on; None for the experiment's own.
         seed: seed of the fault, also added to the seed of the encoders' noise.
         shares: share of each fault of a set of several, see `Space.magnitude`.
         offset: offset of all tasks, x and y (m).
@@ -74,12 +72,7 @@ class TriedFault:
 
 
 class EarlyEnd(NamedTuple):
-    """Early end of a run that was refused or failed.
-
-    Attributes:
-        refused: whether it never began because its values are invalid.
-        reason: error message.
-    """
+    """Early end of a run that failed, or was `refused` because its values are invalid and never began."""
 
     refused: bool
     reason: str
@@ -99,16 +92,10 @@ class Space:
     """Search space of faults.
 
     Attributes:
-        base: tables of every run: settings.
         requirements: (name, formula) of each.
-        kinds: kinds and sets of faults.
         ticks: duration of the experiment; faults begin before it.
         tick: duration of a tick (s).
         duration: duration of each fault (s); None for faults that last to the end.
-        bodies: bodies to press on; None for the experiment's own.
-        seed: seed of the experiment.
-        noisy: whether the encoders have noise.
-        tasks: tasks of the experiment.
         reach: maximum offset of the tasks (m).
     """
 
@@ -133,12 +120,10 @@ class Space:
         return [PAIR_SEPARATOR.join(targets) for targets in product(*(part.targets for part in parse_fault_set(kind)))]
 
     def places(self, kind: str) -> list[Place]:
-        """List every place (target, direction and body) of a fault kind, starting with the first target on the
-        experiment's own body."""
+        """List every place of a fault kind, starting with the first target on the experiment's own body."""
         return [Place(*place) for place in product(self.targets(kind), product(*ways_of(kind)), self.bodies)]
 
     def place(self, wrong: TriedFault) -> Place:
-        """Return the place (target, direction and body) of a tried fault."""
         signs = (-1 if share < 0.0 else 1 for share in self.shares(wrong))
         ways = tuple(sign if sign in ways else 1 for sign, ways in zip(signs, ways_of(wrong.kind), strict=True))
         return Place(wrong.target, ways, wrong.body)
@@ -176,20 +161,17 @@ class Space:
         return min(1.0, (math.hypot(x, y) / self.reach) ** 2), math.atan2(y, x) / (2.0 * math.pi) % 1.0
 
     def magnitude(self, kind: str, share: float, number: int = 0) -> float | None:
-        """Compute the magnitude of fault `number` of a set at a share of its range, see `magnitude_between`; a second
-        drive fault may creep."""
+        """Compute the magnitude of fault `number` of a set, see `magnitude_between`; a second drive fault may creep."""
         one = parse_fault_set(kind)[number].kind
         return magnitude_between(one, share, self.tick, slowest(one, SEQUENCE_SEPARATOR in kind and number == 1))
 
     def first_alone(self, wrong: TriedFault) -> TriedFault:
-        """Return the first fault of an ordered pair, without the second."""
         kind, target = wrong.kind.partition(SEQUENCE_SEPARATOR)[0], wrong.target.partition(PAIR_SEPARATOR)[0]
         size = self.magnitude(kind, wrong.shares[0])
         return replace(wrong, kind=kind, target=target, magnitude=size, shares=(), delay=0)
 
     def shares(self, wrong: TriedFault) -> tuple[float, ...]:
-        """Return the magnitude of each fault of `wrong` as a share of its range, the inverse of `Space.fault`; 0 for
-        kinds without a magnitude."""
+        """Return each fault's magnitude as a share of its range, inverse to `Space.fault`; 0 without a magnitude."""
         return (
             wrong.shares
             if single_kind(wrong.kind) is None
@@ -230,7 +212,6 @@ class Space:
         return tables
 
     def _table(self, wrong: TriedFault, kind: str, target: str, magnitude: float | None) -> dict[str, Any]:
-        """Create the [[fault]] table of one fault."""
         known = FAULT_KINDS[kind]
         table: dict[str, Any] = {"kind": kind, "target": target, "onset_s": self.onset(wrong)}
         if self.duration is not None:
@@ -258,11 +239,7 @@ def single_kind(kind: str) -> FaultKind | None:
 
 
 def known_sets(kinds: Sequence[str], sets: Collection[str]) -> tuple[str, ...]:
-    """Select the fault kinds and sets to search: `kinds`, or if empty all kinds of the groups `sets`.
-
-    Raises:
-        InputRefused: a kind or group is unknown.
-    """
+    """Select the fault kinds and sets to search: `kinds`, or if empty all kinds of the groups `sets`."""
     for kind in kinds:
         parse_fault_set(kind)
     if kinds:
@@ -275,8 +252,7 @@ def known_sets(kinds: Sequence[str], sets: Collection[str]) -> tuple[str, ...]:
 
 
 def ways_of(kind: str) -> list[tuple[int, ...]]:
-    """List the directions to try for each fault of a set: (1, -1) if its magnitude may change sign or be inverted, else
-    (1,)."""
+    """List the directions to try per fault of a set: (1, -1) if its magnitude may be negated or inverted, else (1,)."""
     return [(1, -1) if has_two_ways(part.kind) else (1,) for part in parse_fault_set(kind)]
 
 

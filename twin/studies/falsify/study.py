@@ -81,11 +81,6 @@ def falsify(
     monitor tripped without any fault.
 
     Example: twin falsify experiments/pressing.toml --requirement "always (|plant.F_ee_B| <= 18 N)"
-
-    Raises:
-        InputRefused: an option or a formula cannot be used, or a requirement is violated without any fault.
-        ComponentFailed, SafetyTrip: the healthy run fails, or its monitor trips.
-        NotWritten: the disk refuses.
     """
     from twin.kernel.atomic_write import make_folder, write_json, write_text
     from twin.kernel.process.job import JobLimits, core_count

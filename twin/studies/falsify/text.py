@@ -25,14 +25,7 @@ MAX_SHOWN = 5
 
 @dataclass(frozen=True)
 class UnviolatedKinds:
-    """Fault kinds without a violation, and the gaps of the search.
-
-    Attributes:
-        untried: places without a run, by kind.
-        places: number of places, by kind.
-        ended: runs that ended early, by kind, each with the reason.
-        runs: number of runs, by kind.
-    """
+    """Fault kinds without a violation and the gaps of the search: untried places and early ends, by kind."""
 
     untried: Mapping[str, Sequence[Place]]
     places: Mapping[str, int]
@@ -43,14 +36,6 @@ class UnviolatedKinds:
     def from_search(
         cls, space: Space, tried: Sequence[TriedFault], ended: Mapping[TriedFault, EarlyEnd], violating: Collection[str]
     ) -> Self:
-        """Collect the fault kinds without a violation, and the gaps, from a finished search.
-
-        Args:
-            space: space of the search.
-            tried: runs of the search.
-            ended: runs that ended early.
-            violating: kinds with a violation.
-        """
         kinds = [kind for kind in space.kinds if kind not in violating]
         places = {kind: space.places(kind) for kind in kinds}
         # a run that was refused tried nothing
@@ -71,7 +56,6 @@ class UnviolatedKinds:
 
     @property
     def json_values(self) -> dict[str, Any]:
-        """Convert the gaps of the search (untried places, runs that ended early) to JSON."""
         return {
             "not_violated": self.not_violated_kinds,
             # the name of 1.0
@@ -121,12 +105,10 @@ class NearestRun:
     """Run of one fault kind nearest to a violation, with the smallest share of the healthy distance.
 
     Attributes:
-        wrong: faults of the run.
         distances: distance from a violation, by the name of the requirement.
         share: smallest distance as a share of the healthy distance.
         run: number of the run, from 1.
         first: number of the first violating run of this kind; None without one.
-        ended: reason of an early end; None for a completed run.
     """
 
     wrong: TriedFault
@@ -137,7 +119,6 @@ class NearestRun:
     ended: EarlyEnd | None = None
 
     def to_dict(self, space: Space) -> dict[str, Any]:
-        """Convert the run nearest to a violation to JSON."""
         wrong, known = self.wrong, single_kind(self.wrong.kind)
         return {
             "kind": wrong.kind,
@@ -173,13 +154,7 @@ def falsify_result(
     seconds: float,
     folder: Path,
 ) -> Result:
-    """Create the report of `twin falsify`: verdict, requirements, violating and nearest kinds, gaps, and files.
-
-    Args:
-        found: nearest run of each kind, worst first.
-        holes: kinds without a violation, and gaps.
-        seconds: total processor time of all runs (s).
-    """
+    """Create the report of `twin falsify`; `found`: worst first; `seconds`: processor time of all runs (s)."""
     violating = [one for one in found if one.share < 0.0]
     verdict = f"{experiment}  VIOLATED by {len(violating)} of {len(space.kinds)} kinds of fault"
     if not violating:

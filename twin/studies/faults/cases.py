@@ -11,23 +11,14 @@ from twin.robot.experiment.fault import FAULT_KINDS, GLITCH_SHARE, Fault, checke
 
 @dataclass(frozen=True)
 class Case:
-    """Fault at one time, which is one cell of the fault matrix before its run.
-
-    Attributes:
-        magnitude: magnitude in the catalogue's unit; None for kinds without a magnitude.
-        fault: the same fault in SI and ticks.
-    """
+    """Cell of the fault matrix: magnitude in the catalogue's unit (None without one), the fault in SI and ticks."""
 
     magnitude: float | None
     fault: Fault
 
 
 def known_kinds(kinds: Sequence[str]) -> tuple[str, ...]:
-    """Sort the fault `kinds` into the catalogue's order; all kinds of the catalogue if `kinds` is empty.
-
-    Raises:
-        InputRefused: a kind is missing from the catalogue.
-    """
+    """Sort the fault `kinds` into the catalogue's order; all kinds of the catalogue if `kinds` is empty."""
     for kind in kinds:
         if kind not in FAULT_KINDS:
             raise InputRefused(f"--kind {kind}: {expected_names(kind, tuple(FAULT_KINDS))}")
@@ -37,15 +28,7 @@ def known_kinds(kinds: Sequence[str]) -> tuple[str, ...]:
 def cases(
     experiment: Experiment, kinds: Sequence[str], onsets: Sequence[float], duration: float | None
 ) -> tuple[Case, ...]:
-    """List the faults to run: every combination of kinds, magnitudes and onsets, each on the kind's first target.
-
-    Args:
-        onsets: onsets (s).
-        duration: duration of each fault (s); None for faults that last to the end.
-
-    Raises:
-        InputRefused: an onset is outside the experiment, or the duration is not positive.
-    """
+    """List the faults of each kind's first target by magnitude and onset (s); a `duration` of None lasts to the end."""
     end = experiment.duration_ticks * experiment.cosim.tick
     for onset in onsets:
         if not 0.0 <= onset < end:
@@ -76,11 +59,7 @@ def with_share(table: dict[str, Any]) -> dict[str, Any]:
 
 
 def faults_of(experiment: Experiment, tables: Sequence[dict[str, Any]]) -> tuple[Fault, ...]:
-    """Parse and check the faults of [[fault]] `tables` for an experiment.
-
-    Raises:
-        InputRefused: a table is invalid.
-    """
+    """Parse the faults of [[fault]] `tables` for an experiment; raise `InputRefused` for an invalid one."""
     mistakes: list[str] = []
     faults = checked_faults(tuple(tables), experiment.cosim.tick, mistakes)
     if mistakes:

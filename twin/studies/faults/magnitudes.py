@@ -13,12 +13,7 @@ CLAIMED_SHARE, UPPER_SHARE = 1.0, 2.0
 
 
 class UpperEnd(NamedTuple):
-    """Upper end of the range searched for the worst magnitude of a fault kind.
-
-    Attributes:
-        magnitude: magnitude in the catalogue's unit.
-        why: rule of the monitor, or physics, that limits the effect of a larger fault.
-    """
+    """Upper end of a kind's searched magnitudes, in the catalogue's unit, and the rule or physics behind it."""
 
     magnitude: float
     why: str
@@ -52,7 +47,6 @@ UPPER_ENDS = {
     "contact_loss": UpperEnd(40.0, "TOO_LOW: 34 mm below the surface of the scale"),
     "breathing": UpperEnd(25.0, "PENETRATION: 25 mm"),
 }
-"""Upper end of each kind with a magnitude."""
 
 
 def has_two_ways(kind: str) -> bool:
@@ -95,8 +89,7 @@ def magnitude_between(kind: str, share: float, tick: float, slowest: float | Non
 
 
 def share_of(kind: str, magnitude: float | None, slowest: float | None = None) -> float:
-    """Convert a fault's magnitude to its share of the kind's range, the inverse of `magnitude_between`; 0 for kinds
-    without a magnitude."""
+    """Convert a magnitude to its share of the kind's range, the inverse of `magnitude_between`; 0 without one."""
     known = FAULT_KINDS[kind]
     if known.magnitudes is None or magnitude is None:
         return 0.0

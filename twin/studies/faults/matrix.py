@@ -24,13 +24,11 @@ class FaultRow:
     """Row of the fault matrix: a fault, and the reactions to it.
 
     Attributes:
-        kind, target: kind and target of the fault.
         magnitude: magnitude in the catalogue's unit; None for kinds without one.
         onset: onset (s).
         in_contact: whether the healthy robot touches the body at the onset.
         limit: force limit of the monitor (N).
         healthy_peak: largest true force of the healthy run from the onset on (N).
-        watched, unwatched: reactions with the monitor and without.
         stays: whether the fault lasts to the end of the run.
         ideal: largest force (N) if all drives lost their power as soon as the true force reached the limit, which no
             sensor of the robot could show sooner; None for a row within its bound.
@@ -73,7 +71,6 @@ class FaultRow:
 
     @property
     def is_largest(self) -> bool:
-        """Whether the fault has the largest magnitude of its kind in the catalogue."""
         magnitudes = FAULT_KINDS[self.kind].magnitudes
         return magnitudes is None or self.magnitude == magnitudes[-1]
 
@@ -114,7 +111,6 @@ class FaultRow:
         return not self.fails and not (FAULT_KINDS[self.kind].detection == "no" and self.is_in_time)
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert the row of the fault matrix to JSON: keys with units, and the judgements."""
         return {
             "kind": self.kind,
             "target": self.target,
@@ -152,11 +148,7 @@ def _outcome_to_dict(one: Reaction) -> dict[str, Any]:
 
 
 def matrix_rows(stage: Stage, cases: Sequence[Case]) -> Iterator[FaultRow]:
-    """Run every fault of the matrix, and yield its row as soon as its runs are done.
-
-    Raises:
-        InputRefused: a fault does not fit this robot.
-    """
+    """Run every fault of the matrix, and yield its row as soon as its runs are done."""
     experiment, force = stage.experiment, true_force(stage.healthy)
     assert experiment.monitor is not None
     tick, limit, touches = experiment.cosim.tick, experiment.monitor.force_limit, touching(stage.healthy)
@@ -181,7 +173,6 @@ def matrix_rows(stage: Stage, cases: Sequence[Case]) -> Iterator[FaultRow]:
 
 
 def _ideal_peak(stage: Stage, fault: Fault, watched: Outcome, limit: float) -> float:
-    """Compute the largest force (N) with an ideal monitor: all power is cut when the true force of the run `watched`
-    reaches `limit` (N)."""
+    """Compute the largest force (N) if power is cut when the true force of the run `watched` reaches `limit` (N)."""
     at = fault.onset + int(np.argmax(true_force(watched)[fault.onset :] >= limit))
     return stage.reaction((fault, Fault("power_off", "power", at))).peak

@@ -29,12 +29,7 @@ def offsets(reach: float) -> tuple[tuple[float, float], ...]:
 
 
 def moved_tasks(tasks: Sequence[Any], offset: tuple[float, float]) -> dict[str, dict[str, list[float]]]:
-    """Compute the changed keys that move each [[task]] by an offset, as task number -> keys and values.
-
-    Args:
-        tasks: tasks of an experiment.
-        offset: x, y (m).
-    """
+    """Compute the keys that move each [[task]] by `offset` (x, y in m), as task number -> keys and values."""
 
     def moved(point: Sequence[float]) -> list[float]:
         return [float(f"{1e3 * (a + b):.9g}") for a, b in zip(point, offset, strict=True)]
@@ -46,11 +41,7 @@ def moved_tasks(tasks: Sequence[Any], offset: tuple[float, float]) -> dict[str, 
 
 
 def moved_settings(experiment: Experiment, offset: tuple[float, float]) -> tuple[str, ...]:
-    """Return `key=value` texts that move all tasks of an experiment by `offset` (m); empty without an offset.
-
-    Raises:
-        InputRefused: the experiment has no task to move.
-    """
+    """Return `key=value` texts that move all tasks of an experiment by `offset` (m); empty without an offset."""
     if offset == NO_OFFSET:
         return ()
     if not experiment.tasks:

@@ -16,22 +16,12 @@ CONTACT_FORCE = 0.5
 
 
 def healthy_run(experiment: Experiment) -> Outcome:
-    """Run an experiment without faults, and keep its force and position.
-
-    Raises:
-        InputRefused: a part of the robot does not fit.
-    """
+    """Run an experiment without faults, and keep its force and position."""
     return Runs(RunRequest(frozenset({FORCE_SIGNAL, PLACE_SIGNAL})), most=0).run(experiment)
 
 
 def checked_healthy_run(experiment: Experiment) -> Outcome:
-    """Run an experiment without faults but with its monitor, and reject it if the monitor trips or a component fails.
-
-    Raises:
-        InputRefused: `experiment` has no monitor, or has faults of its own.
-        SafetyTrip: the monitor trips without any fault, so trips prove nothing about faults.
-        ComponentFailed: a component failed.
-    """
+    """Run an experiment without faults but with its monitor; reject it if the monitor trips or a component fails."""
     if experiment.monitor is None:
         raise InputRefused(
             f"{experiment.name}: no safety monitor watches this experiment; add a table [monitor] (its limits have "
@@ -82,11 +72,7 @@ def default_onsets(healthy: Outcome) -> tuple[int, int]:
 
 
 def onsets_of(experiment: Experiment, healthy: Outcome) -> tuple[float, ...]:
-    """Return the default fault onsets (s) of an experiment, from its healthy run.
-
-    Raises:
-        InputRefused: see `default_onsets`.
-    """
+    """Return the default fault onsets (s) of an experiment, from its healthy run."""
     return tuple(tick * experiment.cosim.tick for tick in default_onsets(healthy))
 
 

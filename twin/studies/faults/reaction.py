@@ -1,8 +1,8 @@
 """Reaction of the monitor to a fault, and its effect on the person: peak force, times, impulse, energy."""
 
 import hashlib
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from twin.studies.faults.onsets import CONTACT_FORCE, FORCE_SIGNAL, PLACE_SIGNAL
 
 SPEED_SIGNAL = "plant.v_B"
 REACTION_SIGNALS = frozenset({FORCE_SIGNAL, PLACE_SIGNAL, SPEED_SIGNAL})
-"""Signals that a reaction is computed from."""
 BEARABLE_FORCE = 10.0
 """Maximum bearable force (N): the force of a firm thumb, two thirds of the force limit."""
 LAST_TIME = 0.1
@@ -63,23 +62,14 @@ class Reaction:
     failure: str
     digest: str = ""
 
-    def to_dict(self) -> dict[str, Any]:
-        """Convert the reaction to a fault to JSON; keys end with their units, as in `peak_N`."""
-        units = {"seen": "s", "acted": "s", "power_off": "s", "below": "s", "peak": "N", "impulse": "N_s"}
-        units |= {"energy": "J", "left": "N"}
-        left_out = ("peak_delay", "above", "end")
-        named = {key: value for key, value in asdict(self).items() if key not in left_out}
-        return {f"{key}_{units[key]}" if key in units else key: value for key, value in named.items()}
+    JSON_KEYS = (
+        "seen_s=seen acted_s=acted power_off_s=power_off below_s=below reason peak_N=peak impulse_N_s=impulse "
+        "energy_J=energy left_N=left failure digest"
+    )
 
 
 def reaction(run: Outcome, experiment: Experiment, onset: int, digest: bool = True) -> Reaction:
-    """Evaluate the reaction of monitor and robot in a run, from tick `onset` of the fault on.
-
-    Args:
-        experiment: experiment of the run, with its monitor.
-        onset: first tick that counts.
-        digest: whether to compute the digest, which takes 0.5 ms.
-    """
+    """Evaluate the reaction in a watched `experiment` from tick `onset` on; the digest takes 0.5 ms."""
     assert run.trace is not None
     tick = experiment.cosim.tick
     # a run that fails in its first step has no row: the robot has touched nothing

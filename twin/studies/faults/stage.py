@@ -64,11 +64,6 @@ class Stage:
 
     @cached_property
     def healthy(self) -> Outcome:
-        """Healthy run of the stage, without any fault.
-
-        Raises:
-            InputRefused, SafetyTrip, ComponentFailed: see `checked_healthy_run`.
-        """
         return checked_healthy_run(self.experiment)
 
     @cached_property
@@ -85,11 +80,7 @@ class Stage:
         return touching(self.healthy)
 
     def run(self, faults: Sequence[Fault], watched: bool = True) -> Outcome:
-        """Run the experiment with `faults`, with the monitor or without.
-
-        Raises:
-            InputRefused: a drive FMU or a fault does not fit.
-        """
+        """Run with `faults`, with the monitor or without; raise `InputRefused` if a drive or fault does not fit."""
         monitor = self.experiment.monitor if watched else None
         return self._runs.run(replace(self.experiment, faults=tuple(faults), monitor=monitor))
 
@@ -101,11 +92,9 @@ class Stage:
         return watched, watched if same else self.run(faults, watched=False)
 
     def reaction(self, faults: Sequence[Fault], watched: bool = True) -> Reaction:
-        """Run the experiment with `faults`, with the monitor or without, and return the reaction."""
         return reaction(self.run(faults, watched), self.experiment, _onset(faults))
 
     def reactions(self, faults: Sequence[Fault]) -> tuple[Reaction, Reaction]:
-        """Run the experiment with `faults` twice, and return the reactions with the monitor and without."""
         watched, unwatched = self.both(faults)
         one = reaction(watched, self.experiment, _onset(faults))
         return one, one if unwatched is watched else reaction(unwatched, self.experiment, _onset(faults))
@@ -123,14 +112,7 @@ class Stage:
         return self._trips[faults]
 
     def delay_second(self, tables: Sequence[dict[str, Any]], delay: float) -> tuple[dict[str, Any], ...]:
-        """Delay the second of two [[fault]] `tables` to `delay` (s) after the trip that the first one causes alone;
-        return both.
-
-        Without a trip the delay counts from the onset of the first.
-
-        Raises:
-            InputRefused: the first one does not fit.
-        """
+        """Return two [[fault]] `tables`, the second `delay` (s) after the trip of the first, or after its onset."""
         first, second = tables
         tick, last = self.experiment.cosim.tick, self.experiment.duration_ticks - 1
         later = min(round((first["onset_s"] + self.trip_after(first) + delay) / tick), last)
@@ -146,16 +128,7 @@ def load_stage(
     onsets: Sequence[float] = (),
     share: bool = True,
 ) -> Stage:
-    """Load an experiment on `body` with its tasks moved by `offset` (m), and run it once without faults.
-
-    Args:
-        body: name of the body; None for the experiment's own.
-        onsets: onsets of faults (s); default: in free motion and in contact.
-        share: see `Stage`.
-
-    Raises:
-        InputRefused: the experiment is invalid. SafetyTrip, ComponentFailed: it trips or fails without any fault.
-    """
+    """Load an experiment on `body` with its tasks moved by `offset` (m), and run it once healthy; see `Stage`."""
     experiment = load_experiment(path, settings, drive, body)
     moved = moved_settings(experiment, offset)
     if moved:

@@ -87,11 +87,6 @@ def faults(
     then are kept), 4 the monitor tripped without any fault.
 
     Example: twin faults experiments/pressing.toml --kind drive_runaway --onset 6
-
-    Raises:
-        InputRefused: experiment, kinds, onsets or the folder cannot be used.
-        SafetyTrip, ComponentFailed: without any fault, see `checked_healthy_run`.
-        NotWritten: the disk refuses.
     """
     from twin.kernel.atomic_write import json_text, make_folder, open_unbuffered, write_json
     from twin.studies.faults.cases import cases, known_kinds

@@ -28,8 +28,7 @@ UNIT_TEXTS = {
 }
 """Units of the catalogue as people write them, where that differs."""
 SINGULAR_FORCE = 100.0
-"""Force (N) that springs and body of this robot do not make: a mechanism near its singular pose does, before the run
-ends. Larger forces are no forecast."""
+"""Force (N) beyond which the mechanism is near its singular pose, and larger forces are no forecast."""
 FAULT_COLUMNS = (
     Column("largest forces", 20, left=True),
     Column("", 12, left=True),
@@ -73,15 +72,7 @@ def fault_matrix_result(
     together: Sequence[CombinationRow] = (),
     complete: bool = False,
 ) -> Result:
-    """Create the report of a fault matrix: verdict, the worst case of each kind, and the exceptions.
-
-    Args:
-        experiment: name of the experiment.
-        rows: rows of one matrix, kind by kind; at least one.
-        picture: path of the picture.
-        together: rows of common causes and pairs.
-        complete: whether to list the worst case of every kind, in their order, and all exceptions.
-    """
+    """Create the report of one matrix, kind by kind; `complete` for every kind in order, and all exceptions."""
     first = rows[0]
     safe, safe_unwatched = sum(r.is_safe for r in rows), sum(r.is_safe_without_monitor for r in rows)
     failing = any(r.fails for r in rows) or any(r.fails for r in together)
@@ -125,7 +116,6 @@ def fault_matrix_result(
 def combination_result(
     experiment: str, rows: Sequence[CombinationRow], wanted: Sequence[FaultSet], complete: bool = False
 ) -> Result:
-    """Create the report of common causes and pairs of faults without a fault matrix."""
     failing = sum(row.fails for row in rows)
     names = " and ".join({FaultSet.COMMON: "common causes", FaultSet.PAIRS: "pairs"}.get(one, one) for one in wanted)
     verdict = (
@@ -189,9 +179,7 @@ def magnitude_text(kind: str, magnitude: float | None) -> str:
 
 
 def _worst(rows: Sequence[FaultRow]) -> Iterator[tuple[FaultRow, list[FaultRow]]]:
-    """Yield the row with the largest printed force of each fault kind (of equals the largest fault), and all rows of
-    the kind.
-    """
+    """Yield the row with the largest printed force of each kind (of equals the largest fault), and the kind's rows."""
     for _, group in groupby(rows, lambda row: row.kind):
         of_kind = list(group)
         yield max(of_kind, key=lambda row: (round(row.watched.peak, 1), of_kind.index(row))), of_kind
@@ -250,12 +238,7 @@ def _row_text(row: FaultRow) -> str:
 
 
 def draw_fault_matrix(experiment: str, rows: Sequence[FaultRow], path: Path) -> None:
-    """Draw the fault matrix to `path` (PNG): a line per kind, a column per onset and magnitude, the peak force in each.
-
-    Args:
-        experiment: name of the experiment.
-        rows: rows of one matrix, kind by kind, with equal onsets.
-    """
+    """Draw the fault matrix, of equal onsets, to `path` (PNG): a line per kind, the peak force in each cell."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.lines import Line2D
@@ -308,7 +291,6 @@ def _draw_cell(axes: Axes, shade: "ScalarMappable", row: FaultRow, watched: bool
 
 
 def _size(row: FaultRow) -> int:
-    """Return the index of a row's magnitude among the magnitudes of its kind."""
     return (FAULT_KINDS[row.kind].magnitudes or ()).index(row.magnitude or 0.0)
 
 

@@ -9,6 +9,7 @@ from enum import StrEnum
 from itertools import product
 from typing import Any, Literal, NamedTuple
 
+from twin.kernel.serialise import to_dict
 from twin.robot.experiment.fault import FAULT_KINDS
 from twin.robot.experiment.together import (
     COMMON_CAUSES,
@@ -51,8 +52,6 @@ class FaultCombination(NamedTuple):
 
     Attributes:
         kind: list that the faults are from.
-        name: display name.
-        tables: [[fault]] tables.
         cause: common cause; None for pairs.
         magnitude: magnitude of a common cause in the catalogue's unit; None for pairs.
         delay: delay of the second fault (s) after the trip of the first, or after its onset without a trip; None if all
@@ -68,8 +67,7 @@ class FaultCombination(NamedTuple):
 
 
 def common_causes(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultCombination]:
-    """Yield the common causes of several faults at `onset` (s), with each magnitude and direction; all kinds if `kinds`
-    is empty."""
+    """Yield common causes at `onset` (s), with each magnitude and direction; all kinds if `kinds` is empty."""
     for cause in COMMON_CAUSES:
         if kinds and cause.kind not in kinds:
             continue
@@ -81,8 +79,7 @@ def common_causes(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultComb
 
 
 def pairs(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultCombination]:
-    """Yield the pairs of faults that begin together at `onset` (s), each fault in each direction; all kinds if `kinds`
-    is empty."""
+    """Yield pairs of faults that begin together at `onset` (s), in each direction; all kinds if `kinds` is empty."""
     for pair in FAULT_PAIRS:
         if not kinds or {part.kind for part in pair} <= set(kinds):
             for sizes in product(*map(_signed_sizes, pair)):
@@ -91,8 +88,7 @@ def pairs(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultCombination]
 
 
 def slowest(kind: str, later: bool) -> float | None:
-    """Return the smallest magnitude to search for a fault kind; None for the catalogue's. A drive fault that comes
-    second may creep."""
+    """Return a kind's smallest magnitude to search, None for the catalogue's; a later drive fault may creep."""
     return SLOW_SPEEDS[0] if later and kind == RUNAWAY_KIND else None
 
 
@@ -128,12 +124,9 @@ class CombinationRow:
     """Reactions to faults that act together, on one body at one place: a row of the results.
 
     Attributes:
-        faults: the combination.
-        stage: body and place.
         onset: onset of the first fault (s).
         in_contact: whether the healthy robot touches the body at the onset.
         limit: force limit of the monitor (N).
-        watched, unwatched: reactions with the monitor and without.
         ideal: largest force (N) with an ideal monitor; None without a trip.
     """
 
@@ -158,13 +151,11 @@ class CombinationRow:
 
     @property
     def force_bound(self) -> float:
-        """Maximum force of an acceptable run with combined faults (N): a share of the limit, or of the peak with an
-        ideal monitor."""
+        """Maximum acceptable force (N) with combined faults: a share of the limit, or of an ideal monitor's peak."""
         return max(MAX_PEAK_SHARE * self.limit, 0.0 if self.ideal is None else MAX_IDEAL_SHARE * self.ideal)
 
     @property
     def exceeds_bound(self) -> bool:
-        """Whether the force with the combined faults exceeds the bound."""
         return self.watched.peak > self.force_bound
 
     @property
@@ -174,8 +165,7 @@ class CombinationRow:
 
     @property
     def verdict(self) -> Literal["kept", "beyond", "missed"]:
-        """Verdict on a combination of faults: "beyond" if the force exceeds the bound, "missed" if an expected
-        detection is missing, else "kept"."""
+        """Return "beyond" if the force exceeds the bound, "missed" if an expected detection is missing, else "kept"."""
         return "beyond" if self.exceeds_bound else "missed" if self.misses_detection else "kept"
 
     @property
@@ -183,7 +173,6 @@ class CombinationRow:
         return self.verdict != "kept"
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert the row of a combination of faults to JSON."""
         return {
             "set": str(self.faults.kind),
             "name": self.faults.name,
@@ -199,14 +188,13 @@ class CombinationRow:
             "detectable": self.expects_detection,
             "verdict": self.verdict,
             "failed": self.fails,
-            "with_monitor": self.watched.to_dict(),
-            "without_monitor": self.unwatched.to_dict(),
+            "with_monitor": to_dict(self.watched),
+            "without_monitor": to_dict(self.unwatched),
         }
 
 
 def combinations_of(kind: FaultSet, onset: float, in_contact: bool, kinds: Sequence[str]) -> list[FaultCombination]:
-    """List the combinations of faults of one kind of set; empty for single faults. Ordered pairs begin in contact, the
-    worse case."""
+    """List a kind's combinations, empty for single faults; ordered pairs begin in contact, the worse case."""
     if kind is FaultSet.PAIRS:
         ordered = ordered_pairs(onset, kinds, MATRIX_DELAYS, MATRIX_SLOW_SPEEDS) if in_contact else ()
         return [*pairs(onset, kinds), *ordered]
@@ -214,11 +202,7 @@ def combinations_of(kind: FaultSet, onset: float, in_contact: bool, kinds: Seque
 
 
 def combination_rows(stage: Stage, wanted: Sequence[FaultSet], kinds: Sequence[str]) -> Iterator[CombinationRow]:
-    """Run the combinations of faults on a stage, and yield one row per combination as soon as its runs are done.
-
-    Raises:
-        InputRefused: a fault does not fit this robot.
-    """
+    """Run the combinations of faults on a stage, and yield one row per combination as soon as its runs are done."""
     with stage:
         for kind in (FaultSet.COMMON, FaultSet.PAIRS):
             for onset in stage.onsets:

@@ -83,11 +83,7 @@ class Equations(NamedTuple):
 
 
 def pose(belief: Belief, theta_l: NDArray[np.float64]) -> Pose:
-    """Compute kinematics and arm weight at joint angles theta_l (n, 3), rad.
-
-    Raises:
-        Unreachable: some poses do not close.
-    """
+    """Compute kinematics and arm weight at theta_l (n, 3), rad; raise `Unreachable` if some poses do not close."""
     geometry = Geometry(belief.a, belief.b, belief.l_a, belief.l_b)
     p_B = position(geometry, theta_l)
     J = jacobian_rows(geometry, theta_l, p_B)
@@ -107,8 +103,7 @@ def subtract_dead_zone(w: NDArray[np.float64], half_width: float) -> NDArray[np.
 
 
 def clear_of_edges(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.bool_]:
-    """Check for each window (n,) that all spring deflections stay off the edges of the dead zone, so that the spring
-    law is linear within the window and holds for its means."""
+    """Check per window (n,) that deflections stay off the dead zone's edges, so that the spring law is linear."""
     return np.all(np.abs(deflections(x, seen, N)) > max(x[BACKLASH], 0.0) + seen.spread, axis=1)
 
 
@@ -120,8 +115,7 @@ def joint_torques(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np
 
 
 def inertia(seen: Windows, belief: Belief, at: Pose) -> NDArray[np.float64]:
-    """Compute the torques that accelerate the robot (n, 3), N m, without I_r: it is unknown and a tenth of the
-    total."""
+    """Compute the torques that accelerate the robot (n, 3), N m, without I_r: unknown and a tenth of the total."""
     I_a = (belief.m_a / 3.0 + belief.m_b / 2.0) * belief.l_a**2
     mass = belief.m_p + 1.5 * belief.m_b
     a_B = np.linalg.solve(at.J, seen.acceleration[..., None])
@@ -136,7 +130,6 @@ def rows(
 
     Args:
         seen: windows in free air or in contact.
-        belief: geometry, masses, N and counts.
         resolution: step of the force (N).
         at: `pose` at x's zeros of the joints.
         surface: whether to include the scale's law, kind 2.

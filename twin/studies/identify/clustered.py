@@ -24,8 +24,7 @@ def t_factor(clusters: int) -> float:
 def sandwich(
     A: NDArray[np.floating], inverse: NDArray[np.floating], residual: NDArray[np.floating], cluster: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Compute the covariance (p, p) of least squares with errors that are independent between clusters and arbitrary
-    within.
+    """Compute the covariance (p, p) of least squares, with errors arbitrary within and independent between clusters.
 
     (G - 1)/G sum_g s_g s_g^T, s_g = (I - A_g^+ A_g)^-1 A_g^+ r_g, the change without cluster g. It is CR3 of Bell and
     McCaffrey (2002), Bias reduction in standard errors, Survey Methodology 28:169, as in Cameron and Miller (2015), J.

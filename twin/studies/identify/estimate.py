@@ -15,12 +15,10 @@ class Estimate(NamedTuple):
 
 
 def display_value(value: float, unit: str) -> float:
-    """Convert an SI `value` to the display unit of reports."""
     return value * DISPLAY_UNITS.get(unit, (1.0, unit))[0]
 
 
 def display_unit(unit: str) -> str:
-    """Return the display unit of reports for a quantity with the given SI unit."""
     return DISPLAY_UNITS.get(unit, (1.0, unit))[1]
 
 

@@ -27,10 +27,8 @@ JOINT_ZEROS = slice(JOINT_ZERO, JOINT_ZERO + 3)
 DIFFERENCE_STEP = 1e-5
 """Step of numerical derivatives (sizes)."""
 MAX_STEPS = 12
-"""Maximum number of Gauss-Newton steps."""
 RETURNING_STEPS = 6
-"""Number of steps after which excluded windows stay excluded: one at the edge of a dead zone would alternate
-forever."""
+"""Number of steps after which excluded windows stay so, as one at a dead zone's edge would alternate forever."""
 CONVERGED_STEP = 1e-4
 """Step length that ends the search (sizes); the remaining error is its square."""
 MIN_POSITIVE_SHARE = 0.05
@@ -42,7 +40,6 @@ class Fit:
     """Fitted parameters of an identification, with their covariance.
 
     Attributes:
-        unknowns: the parameters.
         x: values (17,); undetermined ones at their start.
         covariance: covariance (17, 17) of the determined directions, by the scatter between clusters.
         independent: covariance for independent errors.
@@ -50,8 +47,6 @@ class Fit:
         singular: singular values of the whitened Jacobian in units of sizes, descending (k,).
         seen: used windows.
         rows: equations of these at x.
-        converged: whether the search converged.
-        clusters: number of clusters.
         t_factor: half width of a 95 % interval in standard deviations.
     """
 
@@ -68,8 +63,7 @@ class Fit:
     t_factor: float
 
     def half_width(self, direction: NDArray[np.float64]) -> float:
-        """Compute the half width of the 95 % interval of the combination direction . x, `direction` (17,), with
-        undetermined parts at their full size."""
+        """Compute the half width of the 95 % interval of `direction` (17,) . x, undetermined parts at full size."""
         if self.clusters < 2:
             return np.inf
         scatter = self.t_factor * np.sqrt(direction @ self.covariance @ direction)
@@ -88,8 +82,7 @@ class Fit:
         return self.rows.residual[at] / self.rows.per_newton
 
     def misfit(self, *kinds: int) -> float:
-        """Compute the rms residual of the equations of `kinds`, in units of one sample's rounding; 0 without
-        residuals."""
+        """Compute the rms residual of the equations of `kinds` by one sample's rounding; 0 without residuals."""
         at = np.isin(self.rows.kind, kinds)
         return float(np.sqrt(np.mean((self.rows.residual[at] / self.rows.sigma[at]) ** 2))) if np.any(at) else 0.0
 
@@ -116,11 +109,8 @@ def fit(
 
     Args:
         seen: windows of a log; those at the edge of a dead zone, and those neither in air nor in contact, are excluded.
-        belief: geometry, masses, N, counts.
-        unknowns: parameters of `parameters`.
         resolution: step of the force (N).
         fixed: indices of known parameters, which keep their start.
-        surface: see `rows`.
 
     Raises:
         Unreachable: joint angles that do not close.

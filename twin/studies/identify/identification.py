@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from twin.kernel.errors import TwinError
@@ -11,12 +12,22 @@ from twin.kernel.recording.logs.log import Log, LogError
 from twin.robot.controller.controller import Belief
 from twin.robot.mechanism.unreachable import Unreachable
 from twin.studies.command import Say, Steps, ignore_progress
+from twin.studies.identify.balance import deflections, pose, pressing_force, subtract_dead_zone
+from twin.studies.identify.clustered import line
 from twin.studies.identify.estimate import Estimate
 from twin.studies.identify.fit import MAX_INTERVAL_SIZE, Fit, fit
-from twin.studies.identify.friction import friction
-from twin.studies.identify.motor_torque import spring_stiffness
 from twin.studies.identify.one_pose import OnePose, one_pose
-from twin.studies.identify.parameters import COMPLIANCE, HEIGHT, KAPPA, LOSS, RATE, SLOPE, parameters
+from twin.studies.identify.parameters import (
+    BACKLASH,
+    COMPLIANCE,
+    HEIGHT,
+    JOINT_ZERO,
+    KAPPA,
+    LOSS,
+    RATE,
+    SLOPE,
+    parameters,
+)
 from twin.studies.identify.windows import MIN_CONTACT_FORCE, MIN_COUNTS, Windows, in_air, on_scale, windows
 from twin.studies.replay.model import RobotModel
 from twin.studies.replay.replay import estimates
@@ -31,6 +42,11 @@ MAX_DEPTH_MISFIT = 2.0
 pressed surface is skin, or not a plane, and its law is left out."""
 MIN_LOSS = 0.02
 """Minimum ln(eta) of a lossy belt; friction and the scale's delay leave less."""
+SLIDING_SPEED = 1e-3
+"""Minimum speed of sliding (m/s)."""
+MAX_MU_INTERVAL = 0.1
+SETTLED_TIME = 0.35
+"""Minimum time in one direction (s): the slowest sweep passes the 0.3 mm of the bristles' stretch."""
 
 
 class NotIdentifiable(TwinError):
@@ -41,8 +57,7 @@ class NotIdentifiable(TwinError):
 
 @dataclass(frozen=True)
 class Quantity:
-    """Identified quantity of a robot, SI but for `estimate.unit`. meaning: text; believed: value of the experiment or
-    None; found: None if not determined."""
+    """Identified quantity, SI but for `estimate.unit`: meaning, believed value or None, estimate or None."""
 
     meaning: str
     believed: float | None
@@ -54,13 +69,8 @@ class Identification:
     """Result of the identification of a robot.
 
     Attributes:
-        model: belief about the robot.
-        fit: fit of the springs and the scale.
-        seen: all windows of slow motion.
-        quantities: quantities by name.
         one_pose: the paper's procedure on the same log; None without a gradual press.
         inseparable: groups of unknowns that this log cannot separate.
-        notes: sentences on the log.
     """
 
     model: RobotModel
@@ -81,15 +91,10 @@ class Identification:
 
     @property
     def separates_eta(self) -> bool:
-        """Whether stiffness k_s and efficiency eta are determined separately."""
         return self.quantities["k_s"].found is not None
 
     def estimate(self, name: str) -> Estimate:
-        """Return the estimate of an identified quantity by its name.
-
-        Raises:
-            KeyError: it is not determined.
-        """
+        """Return the estimate of an identified quantity; raise KeyError if it is not determined."""
         found = self.quantities[name].found
         if found is None:
             raise KeyError(name)
@@ -102,11 +107,8 @@ def identify_log(
     """Identify springs, zeros, backlash, friction and scale of a robot from a log with encoders and scale.
 
     Args:
-        log: log of `read_log`.
-        model: believed geometry, masses, N and counts.
         height: measured height of a level scale (m), which makes the joints' zeros exact; None if unknown.
         motor_torque: whether drive/n.tau_motor is a measured torque.
-        say: receives the progress.
 
     Raises:
         LogError: signals are missing, in wrong units or of the wrong sign.
@@ -196,8 +198,7 @@ def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
 
 
 def _stiffness_quantities(found: Fit, belief: Belief, log: Log, motor_torque: bool) -> dict[str, Quantity]:
-    """Collect the stiffness quantities: k_s eta, and k_s and eta separately if motor torque or direction-dependent
-    losses determine them."""
+    """Collect k_s eta, and k_s and eta if motor torque or direction-dependent losses separate them."""
     product = Estimate(float(found.x[KAPPA]), found.half_width(found.direction(KAPPA)), "N m/rad")
     k_s, eta, meaning = None, None, "k_s eta"
     loss, width = float(found.x[LOSS]), found.half_width(found.direction(LOSS))
@@ -246,3 +247,85 @@ def _inseparable_groups(found: Fit) -> tuple[tuple[str, ...], ...]:
     return tuple(
         tuple(found.unknowns[i].meaning for i in members[group == number]) for number in dict.fromkeys(group.tolist())
     )
+
+
+def friction(springs: Fit, seen: Windows, belief: Belief) -> Estimate | None:
+    """Estimate mu under the head from sliding windows in order of time; None without sliding."""
+    at = pose(belief, seen.joint - springs.x[JOINT_ZERO : JOINT_ZERO + 3])
+    v = np.linalg.solve(at.J, seen.speed[..., None])[..., 0]
+    sliding = _sliding(seen, v[:, :2])
+    if not np.any(sliding):
+        return None
+    swept = seen.select(sliding)
+    along = v[sliding, :2] / np.linalg.norm(v[sliding, :2], axis=1, keepdims=True)
+    A = _friction_equations(swept.force, along)
+
+    def sideways(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        return pressing_force(x, swept, belief)[:, :2].ravel()
+
+    found = line(A, sideways(springs.x), np.repeat(swept.cluster, 2))
+    if found is None:
+        return None
+    mu = np.linalg.pinv(A)[0]
+    through = springs.half_width_through(lambda x: float(mu @ sideways(x)))
+    width = float(np.hypot(found.half_widths[0], through))
+    return Estimate(float(found.coefficients[0]), width, "1") if width < MAX_MU_INTERVAL else None
+
+
+def _friction_equations(force: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the factors of mu and beta in F_t (2n, 3); `along` (n, 2): direction of each window's motion."""
+    A = np.zeros((2 * len(force), 3))
+    A[:, 0] = (force[:, None] * along).ravel()
+    A[0::2, 1] = A[1::2, 2] = 1.0
+    # one-way sweeps cannot separate zeros from friction, and use the identified zeros
+    both = np.linalg.norm(along.mean(axis=0)) < 0.7
+    return A if both else A[:, :1]
+
+
+def _sliding(seen: Windows, v: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Mark the windows (n,) on the scale where the head moves in one direction for `SETTLED_TIME`; v (n, 2), m/s."""
+    speed = np.linalg.norm(v, axis=1)
+    moving = np.flatnonzero(on_scale(seen) & (speed > SLIDING_SPEED))
+    heading = v[moving] / speed[moving, None]
+    straight = np.sum(heading[1:] * heading[:-1], axis=1) > 0.9
+    sliding = np.zeros(len(seen.t), dtype=bool)
+    if len(moving):
+        for run in seen.runs(moving, straight):
+            sliding[run[seen.t[run] > seen.t[run[0]] + SETTLED_TIME]] = True
+    return sliding
+
+
+def spring_stiffness(springs: Fit, belief: Belief, log: Log) -> Estimate | None:
+    """Estimate k_s (N m/rad) from drive/1.tau_motor to drive/3.tau_motor; None if the torque does not vary."""
+    seen = springs.seen
+    torque = np.stack([_mean_torque(log, f"drive/{i}.tau_motor", seen) for i in (1, 2, 3)], axis=1).ravel()
+
+    def equations(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        A = np.zeros((3 * len(seen.t), 7))
+        A[:, 0] = subtract_dead_zone(deflections(x, seen, belief.N), x[BACKLASH]).ravel()
+        for i in range(3):
+            A[i::3, 1 + i] = np.sign(seen.speed[:, i])
+            A[i::3, 4 + i] = 1.0
+        return A
+
+    found = line(equations(springs.x), torque, np.repeat(seen.cluster, 3))
+    if found is None:
+        return None
+    through = springs.half_width_through(lambda x: float(np.linalg.pinv(equations(x))[0] @ torque))
+    return Estimate(float(found.coefficients[0]), float(np.hypot(found.half_widths[0], through)), "N m/rad")
+
+
+def _mean_torque(log: Log, name: str, seen: Windows) -> NDArray[np.float64]:
+    if name not in log.series:
+        raise LogError(
+            f"{log.path}: '{name}' is not there; --motor-torque needs the torques of all three motors: choose with "
+            f"--map {name}=COLUMN[N m]"
+        )
+    series = log.series[name]
+    if series.unit != "N m":
+        raise LogError(f"{log.path}: {name} is in '{series.unit}', expected 'N m'; a current is not a torque")
+    total = np.concatenate([[0.0], np.cumsum(series.values)])
+    first = np.searchsorted(series.t, seen.t - 0.5 * seen.length)
+    last = np.maximum(np.searchsorted(series.t, seen.t + 0.5 * seen.length), first + 1)
+    last = np.minimum(last, len(series.t))
+    return (total[last] - total[first]) / np.maximum(last - first, 1)

@@ -25,8 +25,7 @@ MAX_PRESS_WIDTH = 2e-3
 
 
 class OnePoseStep(NamedTuple):
-    """Evaluation of the paper's press on the scale. name: corrected causes; k_s_eta: (N m/rad), line through the
-    origin."""
+    """Evaluation of the paper's press: corrected causes, k_s eta (N m/rad) by a line through the origin."""
 
     name: str
     k_s_eta: float
@@ -52,13 +51,7 @@ class OnePose(NamedTuple):
 
 
 def one_pose(seen: Windows, belief: Belief, x: NDArray[np.float64]) -> OnePose | None:
-    """Apply the paper's calibration to the most central press of a log; None without a gradual press.
-
-    Args:
-        seen: windows in order of time.
-        belief: belief about the robot.
-        x: identified parameters.
-    """
+    """Apply the paper's calibration to the most central press; `x`: identified parameters; None without a press."""
     press = _press(seen, belief)
     if press is None:
         return None
@@ -80,8 +73,7 @@ def one_pose(seen: Windows, belief: Belief, x: NDArray[np.float64]) -> OnePose |
 
 
 def _press(seen: Windows, belief: Belief) -> Windows | None:
-    """Select the loading half of the press nearest to the base's axis; among equals the one with the largest
-    increase."""
+    """Select the loading half of the press nearest to the base's axis, of equals the largest increase."""
     chosen = np.flatnonzero(on_scale(seen))
     if len(chosen) < 3:
         return None
@@ -105,8 +97,7 @@ def _press(seen: Windows, belief: Belief) -> Windows | None:
 
 
 def _pressing(k, w, belief, press, joint_zero) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the force on the scale -F_ee,z of (27) without weight for deflections w (n, 3), and the contribution of
-    the weight (n,), N."""
+    """Compute -F_ee,z of (27) without weight for deflections w (n, 3), and the weight's part (n,), N."""
     at = pose(belief, press.joint - joint_zero)
     J_z = at.J[:, :, 2]
     return -np.sum(J_z * (k * belief.N * w), axis=1), platform_weight(belief) - np.sum(J_z * at.g_a, axis=1)

@@ -20,7 +20,6 @@ class Parameter:
 
     Attributes:
         name: name in facts; vectors count from 1.
-        meaning: description.
         unit: SI unit.
         start: believed value.
         size: plausible error of the belief; a parameter is reported if it is known to a tenth of it.
@@ -34,8 +33,7 @@ class Parameter:
 
 
 def parameters(belief: Belief, height: float) -> tuple[Parameter, ...]:
-    """Create the unknowns of an identification in their order, starting from `belief` and a believed `height` of the
-    scale (m)."""
+    """Create the unknowns in their order, starting from `belief` and a believed `height` of the scale (m)."""
     k = belief.k_s * belief.eta
     offsets = np.subtract(belief.motor_zero, np.multiply(belief.N, belief.joint_zero))
     degree = float(np.radians(1.0))
@@ -58,10 +56,8 @@ def parameters(belief: Belief, height: float) -> tuple[Parameter, ...]:
 
 
 def starts(unknowns: tuple[Parameter, ...]) -> NDArray[np.float64]:
-    """Return the start values of the unknowns for the search (n,)."""
     return np.array([one.start for one in unknowns])
 
 
 def sizes(unknowns: tuple[Parameter, ...]) -> NDArray[np.float64]:
-    """Return the sizes of the unknowns, plausible errors of the belief (n,)."""
     return np.array([one.size for one in unknowns])

@@ -35,10 +35,6 @@ def identify(
     determined from this log, 2 input refused.
 
     Example: twin identify results/fig4_force_position
-
-    Raises:
-        InputRefused: log, map, experiment or folder cannot be used.
-        NotIdentifiable: k_s eta cannot be had from the log.
     """
     from datetime import datetime
 

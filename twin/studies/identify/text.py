@@ -72,10 +72,8 @@ def identification_result(
     """Create the report of an identification.
 
     Args:
-        name: name of the log.
         files: kind -> path.
         true: values of a run of the twin, SI; empty for other logs.
-        facts: `identification_facts`.
         paper: whether to add the result of the paper's own procedure.
     """
     k = one.quantities["k_s_eta"]
@@ -118,7 +116,6 @@ def _row(name: str, quantity: Quantity, true: Mapping[str, float]) -> list[str]:
 
 
 def _unknown(one: Identification) -> list[str]:
-    """Describe the undetermined quantities of an identification."""
     reasons = []
     if not one.separates_eta:
         loss = (
@@ -160,7 +157,6 @@ def _list(names: Sequence[str]) -> str:
 
 
 def _paper(one: Identification) -> list[Block]:
-    """Create the table of the paper's calibration procedure and its bias."""
     press = one.one_pose
     if press is None:
         return [note("paper", "no gradual press in one place, so Sec. III.A cannot be followed", whole=True)]
@@ -211,9 +207,7 @@ def identification_facts(one: Identification, log: str, true: Mapping[str, float
 
 
 def model_fragment(one: Identification, log: str) -> str:
-    """Create the TOML tables [controller] and [controller.model] with the determined values only; log: name of the
-    file.
-    """
+    """Create the TOML tables [controller] and [controller.model] with the determined values only; `log`: file name."""
     belief, q = one.model.belief, one.quantities
     k = one.estimate("k_s_eta")
     d = decimals(k)
@@ -254,7 +248,6 @@ def _width(found: Sequence[Estimate | None]) -> str:
 
 
 def draw_identification(one: Identification, name: str, path: Path) -> None:
-    """Draw the results of an identification to `path` (PNG)."""
     k = one.estimate("k_s_eta")
     with picture(path, 11, 8, f"{name}: k_s eta = {k.value:.4f} +- {k.half_width:.4f} N m/rad") as figure:
         draws = (_draw_force, _draw_air, _draw_depth, _draw_paper)
@@ -263,7 +256,6 @@ def draw_identification(one: Identification, name: str, path: Path) -> None:
 
 
 def _of_kind(one: Identification, kind: int) -> tuple[np.ndarray, np.ndarray]:
-    """Select the residuals of the equations of one kind, and their windows."""
     rows = one.fit.rows
     return rows.residual[rows.kind == kind], rows.window[rows.kind == kind]
 

@@ -19,15 +19,13 @@ WINDOW_LENGTH = 0.1
 MIN_COUNTS = 4.0
 """Minimum number of motor counts crossed in a window, averaged over the joints."""
 MAX_ACCELERATION = 0.05
-"""Maximum acceleration (m/s2): with 0.3 kg 0.015 N of inertia, a third of a step of the paper's scale; the balance
-includes nine tenths of it."""
+"""Maximum acceleration (m/s2): 0.3 kg give 0.015 N, a third of a scale's step; the balance includes nine tenths."""
 JOINTS_PER_METRE = 17.0
 """d theta_l / d p_z at home (rad/m)."""
 GUARD_TIME = 0.1
 """Maximum delay of a scale (s); until then contact is uncertain."""
 CLUSTER_TIME = 2.0
-"""Length of a cluster (s): closer windows share errors (a place, a press, a turn of an encoder) and are not
-independent."""
+"""Length of a cluster (s): closer windows share errors (place, press, encoder turn) and are not independent."""
 MAX_AIR_FORCE = 0.05
 """Maximum force in free air (N), twice the step of the paper's scale."""
 MIN_CONTACT_FORCE = 0.15
@@ -64,7 +62,6 @@ class Windows(NamedTuple):
     length: float
 
     def select(self, chosen: NDArray[np.bool_]) -> "Windows":
-        """Select windows of slow motion by a mask (n,)."""
         columns: dict[str, Any] = {name: getattr(self, name)[chosen] for name in self._fields if name != "length"}
         return self._replace(**columns)
 
@@ -80,9 +77,6 @@ class Windows(NamedTuple):
 def windows(log: RobotSamples, belief: Belief) -> Windows:
     """Find the windows of slow motion in a log that are fit for statics; possibly an empty result.
 
-    Args:
-        log: samples with a measured force.
-        belief: counts per turn and N.
 
     Raises:
         LogError: no force was measured, or never at the time of the encoders.
@@ -138,13 +132,11 @@ def _window(t, motor, joint, F, F_and_later, N) -> tuple[object, ...]:
 
 
 def _slope(t: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Fit straight lines through y (n, ...) over t (n,), and return their slopes."""
     centred = t - t.mean()
     return centred @ y / (centred @ centred)
 
 
 def in_air(seen: Windows) -> NDArray[np.bool_]:
-    """Check for each window (n,) whether the robot is in free air."""
     return (seen.highest < MAX_AIR_FORCE) & (seen.lowest > -MAX_AIR_FORCE)
 
 

@@ -14,11 +14,9 @@ FIG4_SERIES = (
     "plant.p_B", "plant.F_ee_B", "scale.F_z", "estimator.p_B", "estimator.F_ee_B", "controller.p_ref_B",
     "controller.p_cmd_B", "controller.F_z", "controller.F_z_ref", "controller.triggered",
 )  # fmt: skip
-"""Series needed to judge the claims of Fig. 4."""
 FIG5_SERIES = ("plant.p_B", "plant.v_B", "plant.F_ee_B", "controller.task", "controller.phase")
 """Series needed to judge the claims of Fig. 5; all of them are required."""
 
 
 def missing_series(series: Iterable[str], fields: Container[str]) -> list[str]:
-    """List the required series that are missing in `fields`, the recorded ones."""
     return [name for name in series if name not in fields]

@@ -36,12 +36,7 @@ SignalValues = Callable[[str], NDArray]
 
 
 def distance(formula: Formula, tick: float, held: SignalValues) -> float:
-    """Return the distance of a run from violating `formula`, in the unit of its comparisons; negative if violated.
-
-    Args:
-        tick: time between two values (s).
-        held: the run, of at least one tick.
-    """
+    """Return the distance of a run (one tick, in s, at least) from violating `formula`; negative if violated."""
     return float(_distances(formula, tick, held)[0])
 
 
@@ -75,8 +70,7 @@ def _ticks(begin: float, end: float | None, tick: float) -> tuple[int, int | Non
 
 
 def _largest(values: Curve, first: int, last: int | None) -> Curve:
-    """Compute, for each tick, the largest of `values` in the window from `first` to `last` ticks later, cut at the end
-    of the run; -inf if the window is empty."""
+    """Return per tick the largest value `first` to `last` ticks later, cut at the run's end; -inf if empty."""
     if last is None or last - first >= len(values):
         return _shift(np.maximum.accumulate(values[::-1])[::-1], first)
     if last < first:
@@ -151,11 +145,7 @@ def checked_requirement(text: str, signals: Mapping[str, SignalInfo]) -> tuple[F
 
 
 def _units(formula: Formula, signals: Mapping[str, SignalInfo]) -> set[str]:
-    """Collect the SI units of all comparisons in `formula`.
-
-    Raises:
-        ValueError: the formula cannot be evaluated.
-    """
+    """Collect the SI units of all comparisons in `formula`; raise ValueError if it cannot be evaluated."""
     match formula:
         case Inequality(smaller, larger):
             sides = [_measure(side, signals) for side in (smaller, larger)]

@@ -36,13 +36,7 @@ def window_mask(t: Curve, start: float, end: float) -> NDArray[np.bool_]:
 
 
 def settling_time(t: Curve, y: Curve, target: float, band: float) -> float:
-    """Compute the settling time (s): the start of the final stretch with |y - target| <= band; infinity if the last
-    sample is outside.
-
-    Args:
-        t, y: samples (n,).
-        target, band: in the unit of y.
-    """
+    """Return the start (s) of the final stretch with |y - target| <= band; infinity if the last sample is outside."""
     outside = np.flatnonzero(np.abs(y - target) > band)
     if len(outside) == 0:
         return float(t[0])
@@ -67,11 +61,7 @@ def rise_time(t: Curve, y: Curve, before: float, after: float) -> float:
 
 
 def steepest_rise(t: Curve, y: Curve, span: float) -> float:
-    """Compute the largest mean rate of y over any `span` (s), in its unit per s; infinity if the samples are shorter.
-
-    Args:
-        t, y: evenly spaced samples (n,).
-    """
+    """Compute the largest mean rate of evenly spaced y (n,) over any `span` (s); infinity for shorter samples."""
     steps = round(span / (t[1] - t[0])) if len(t) > 1 else 0
     if not 0 < steps < len(t):
         return np.inf
@@ -117,9 +107,6 @@ def step_info(t: Curve, y: Curve, before: float, reference: float) -> StepInfo:
         y: samples (n,).
         before: y_0.
         reference: r, constant after the step.
-
-    Raises:
-        InputRefused: fewer than 20 samples, no step, no answer, or a response that has not settled at the end.
     """
     if len(t) < 20:
         raise InputRefused(f"a step response of {len(t)} samples: expected 20 or more; record longer or faster")
@@ -172,7 +159,6 @@ def crossing_time(t: Curve, y: Curve, level: float) -> float:
 
 
 def rms(x: Curve) -> float:
-    """Compute the root mean square of samples."""
     return float(np.sqrt(np.mean(np.square(x))))
 
 
@@ -282,8 +268,7 @@ def fitted_circle(x: Curve, y: Curve) -> tuple[float, float, float]:
 
 
 def turns_about(x: Curve, y: Curve, centre: tuple[float, float]) -> float:
-    """Count the turns of a path about `centre`, counter-clockwise positive; successive points must be less than half a
-    turn apart."""
+    """Count the counter-clockwise turns of a path about `centre`; successive points are less than half a turn apart."""
     angle = np.unwrap(np.arctan2(y - centre[1], x - centre[0]))
     return float(angle[-1] - angle[0]) / (2.0 * np.pi)
 
@@ -296,8 +281,7 @@ def along_and_off(p: Curve, start: tuple[float, float], end: tuple[float, float]
 
 
 def travel(t: Curve, rate: Curve) -> float:
-    """Compute the control effort, the integral of |rate| over time, summed over the columns of (n, k): the total travel
-    of the motors."""
+    """Compute the control effort, the integral of |rate| over time, summed over the columns of (n, k)."""
     return float(np.sum(np.trapezoid(np.abs(rate), t, axis=0)))
 
 

@@ -37,11 +37,7 @@ Ranks = Mapping[str, int]
 
 
 def standing_sentence(one: str, other: str, ranks: Ranks, values: Mapping[str, str] | None = None) -> str:
-    """Format the comparison of two runs as a sentence, `B beside A: better in ..., worse in ..., the same in ...`.
-
-    Args:
-        values: text in brackets after a measure that is better or worse, by its name.
-    """
+    """Format a comparison as `B beside A: better in ..., worse in ..., the same in ...`; `values` in brackets."""
     named = {name: f"{name} ({values[name]})" for name in ranks if values and ranks[name] in (-1, 1) and name in values}
     lists = {how: [named.get(name, name) for name in ranks if ranks[name] == rank] for rank, how in RANK_WORDS.items()}
     parts = [f"{how} {', '.join(names)}" for how, names in lists.items() if names]
@@ -53,7 +49,6 @@ class Difference:
     """Difference of a measure between two candidates, over paired runs.
 
     Attributes:
-        measure: row of the table.
         mean: mean of candidate minus reference, SI.
         half_width: half width of its 95 % interval, SI.
         agreeing, runs: number of runs whose difference has the sign of the mean, and number of runs.
@@ -66,6 +61,8 @@ class Difference:
     agreeing: int
     runs: int
     rank: int
+
+    JSON_KEYS = "mean half_width agreeing runs verdict"
 
     @property
     def verdict(self) -> str:
@@ -80,17 +77,6 @@ class Difference:
         mean = fixed_point(self.mean * per_SI, digits, "+")
         interval = f"{mean} +- {self.half_width * per_SI:.{digits}f} {self.measure.unit.text}"
         return f"{interval}, in {self.agreeing} of {self.runs}"
-
-    @property
-    def json_values(self) -> dict[str, Any]:
-        """Return the difference of a measure for JSON: mean, interval and rank, SI."""
-        return {
-            "mean": self.mean,
-            "half_width": self.half_width,
-            "agreeing": self.agreeing,
-            "runs": self.runs,
-            "verdict": self.verdict,
-        }
 
 
 def compared_value(key: str, values: Values) -> float | None:
@@ -111,10 +97,7 @@ def compared_value(key: str, values: Values) -> float | None:
 
 
 def judged_keys(runs: Sequence[Values]) -> list[str]:
-    """List the keys of the measures available in all of `runs`, by which they are compared.
-
-    If a run holds no force, errors over the whole run replace the errors during the hold.
-    """
+    """List the measures that all `runs` have; without a held force, errors over the whole run replace its errors."""
     keys: tuple[str, ...] = COMPARED_MEASURES
     if any(values["hold_error"].value is None for values in runs):
         controlled = any(values["force_error"].value is not None for values in runs)
@@ -141,11 +124,7 @@ def standing(one: Values, other: Values) -> Ranks:
 
 
 def paired_differences(one: Sequence[Values], other: Sequence[Values]) -> list[Difference]:
-    """Compute the difference of each measure between two candidates over paired runs with the same random draws.
-
-    Args:
-        one, other: measures of each run, in the order of the draws.
-    """
+    """Compute the difference of each measure over paired runs, both in the order of the random draws."""
     found, n = [], len(one)
     for key in judged_keys([*one, *other]):
         measure = ROWS_BY_KEY[key]

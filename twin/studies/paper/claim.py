@@ -15,11 +15,7 @@ PAPER_CLAIMS, OWN_CHECKS = "claims of the paper's text", "of this run's own chec
 
 @dataclass(frozen=True)
 class KnownMiss:
-    """Explanation of a claim of the paper that the twin is known not to reproduce.
-
-    Attributes:
-        low, high: range explained by `reason`, in the claim's unit; a number outside it fails, as for any other claim.
-    """
+    """Reason for a claim known to be missed, and the range `low` to `high` it explains; outside, the claim fails."""
 
     reason: str
     low: float = -math.inf
@@ -31,7 +27,6 @@ class Claim:
     """One claim of the paper with its measure and bounds.
 
     Attributes:
-        key: short name.
         text: one line for the scorecard.
         figure: figure or section of the claim.
         quote: the paper's words, or our reason for a claim that the paper does not make.
@@ -74,6 +69,11 @@ class ClaimFinding:
     verdict: Verdict
     reason: str
 
+    JSON_KEYS = (
+        "claim=claim.key text=claim.text figure=claim.figure quote=claim.quote measured=value unit=claim.unit "
+        "low=claim.low high=claim.high tolerance_source=claim.source verdict reason"
+    )
+
     @property
     def measured_text(self) -> str:
         """Measured value of the claim as text: `5.606 s`, or `never`."""
@@ -85,7 +85,6 @@ class ClaimFinding:
 
     @property
     def bounds_text(self) -> str:
-        """Bounds of the judged claim as text."""
         return self.claim.bounds_text
 
 
@@ -107,36 +106,15 @@ def judge_claim(claim: Claim, runs: Any) -> ClaimFinding:
     return ClaimFinding(claim, value, "holds" if holds else "fails", "")
 
 
-def finding_to_dict(finding: ClaimFinding) -> dict[str, object]:
-    """Convert the verdict on a claim to a JSON-compatible dict: claim, measured value, bounds, verdict."""
-    claim = finding.claim
-    return {
-        "claim": claim.key,
-        "text": claim.text,
-        "figure": claim.figure,
-        "quote": claim.quote,
-        "measured": finding.value if math.isfinite(finding.value) else None,
-        "unit": claim.unit,
-        "low": claim.low if math.isfinite(claim.low) else None,
-        "high": claim.high if math.isfinite(claim.high) else None,
-        "tolerance_source": claim.source,
-        "verdict": finding.verdict,
-        "reason": finding.reason,
-    }
-
-
 def failed_keys(findings: Iterable[ClaimFinding]) -> list[str]:
-    """Return the keys of the paper's claims that fail."""
     return keys_with_verdict(findings, "fails")
 
 
 def keys_with_verdict(findings: Iterable[ClaimFinding], verdict: Verdict) -> list[str]:
-    """Return the keys of the paper's claims with a given verdict."""
     return [f.claim.key for f in findings if f.verdict == verdict]
 
 
 def unscored_keys(findings: Iterable[ClaimFinding]) -> list[str]:
-    """Return the keys of the paper's claims that cannot be scored because the runs lack a series."""
     return keys_with_verdict(findings, "not scored")
 
 

@@ -15,7 +15,6 @@ from twin.studies.paper.claim import (
     ClaimFinding,
     KnownMiss,
     failed_keys,
-    finding_to_dict,
     judge_claim,
     keys_with_verdict,
     tally,
@@ -265,6 +264,12 @@ class Fig4Score:
     missing: Mapping[str, Sequence[str]] = field(default_factory=dict)
     out_of_scope: tuple[str, ...] = OUT_OF_SCOPE
 
+    JSON_KEYS = (
+        "claims_held=counts.0 claims_judged=counts.1 failed=failed_keys not_reproduced=not_reproduced_keys "
+        "reproduced_after_all=reproduced_keys not_scored=unscored_keys missing claims quality_on_true_force=quality "
+        "tuned out_of_scope"
+    )
+
     @property
     def failed_keys(self) -> list[str]:
         """Keys of the claims of Fig. 4 that fail."""
@@ -272,40 +277,23 @@ class Fig4Score:
 
     @property
     def not_reproduced_keys(self) -> list[str]:
-        """Keys of the claims of Fig. 4 that do not hold, as is known."""
         return keys_with_verdict((*self.claims, *self.quality), "not reproduced")
 
     @property
     def reproduced_keys(self) -> list[str]:
-        """Keys of the claims of Fig. 4 that hold although they were known not to."""
         return keys_with_verdict((*self.claims, *self.quality), "reproduced after all")
 
     @property
     def unscored_keys(self) -> list[str]:
-        """Keys of the claims of Fig. 4 that cannot be scored."""
         return unscored_keys((*self.claims, *self.quality))
 
-    def to_dict(self) -> dict[str, object]:
-        """Convert the score on Fig. 4 to a JSON-compatible dict."""
-        held, judged = tally(self.claims)
-        return {
-            "figure": "4",
-            "claims_held": held,
-            "claims_judged": judged,
-            "failed": self.failed_keys,
-            "not_reproduced": self.not_reproduced_keys,
-            "reproduced_after_all": self.reproduced_keys,
-            "not_scored": self.unscored_keys,
-            "missing": {run: list(series) for run, series in self.missing.items()},
-            "claims": [finding_to_dict(finding) for finding in self.claims],
-            "quality_on_true_force": [finding_to_dict(finding) for finding in self.quality],
-            "tuned": self.tuned,
-            "out_of_scope": list(self.out_of_scope),
-        }
+    @property
+    def counts(self) -> tuple[int, int]:
+        """Numbers of claims that hold and that are judged."""
+        return tally(self.claims)
 
 
 def fig4_score(runs: Fig4Runs) -> Fig4Score:
-    """Judge every claim of Fig. 4 on its runs."""
     return Fig4Score(
         claims=tuple(judge_claim(claim, runs) for claim in FIG4_CLAIMS),
         quality=tuple(judge_claim(claim, runs) for claim in QUALITY_CLAIMS),

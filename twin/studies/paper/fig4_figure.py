@@ -88,7 +88,6 @@ FIG4_PANELS = (
 
 
 def draw_fig4(runs: Fig4Runs, path: Path) -> None:
-    """Draw the panels of Fig. 4 from its runs to `path` (PNG)."""
     with picture(path, 12, 7.5) as figure:
         (a, b), (c, d) = figure.subplots(2, 2, sharex=True)
         places = ("upper right", "lower right", "lower left", "lower left")

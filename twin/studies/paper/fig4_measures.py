@@ -18,9 +18,7 @@ from twin.studies.metrics.required_series import FIG4_SERIES, missing_series
 from twin.studies.metrics.response import Curve, first_time, level_changes, mean_error, rms, window_mask
 
 SWEEP_WINDOW = (10.7, 18.7)
-"""Judged part of the sweep (s): from 2 s after its start, when the lag of the position loop (1/kp) has decayed, to its
-end.
-"""
+"""Judged part of the sweep (s), from 2 s after its start, when the position loop's lag (1/kp) has decayed."""
 BEFORE_SWEEP = (8.0, 8.6)
 """Rest before the sweep (s)."""
 FINAL_WINDOW = (19.0, 19.9)
@@ -186,11 +184,7 @@ def fig4_runs(force_position: Recording, position: Recording, *imperfect: Record
 
 
 def checked_run(recording: Recording) -> Fig4Run:
-    """Check that a recording of Fig. 4 can be judged, and return it as a run.
-
-    Raises:
-        InputRefused: the recording is too short, or has lost estimates.
-    """
+    """Return a recording as a run of Fig. 4; raise `InputRefused` if too short or with lost estimates."""
     run = Fig4Run(recording)
     end = run.t[-1] if len(run.t) else 0.0
     if end < MIN_DURATION:
@@ -244,10 +238,7 @@ def _ratio(a: float, b: float) -> float:
 
 
 def end_error(runs: Fig4Runs) -> float:
-    """Measure the largest distance of the platform from the ends of the sweep, before and after it (m).
-
-    Both runs count.
-    """
+    """Measure the platform's largest distance from the ends of the sweep, before and after it, over both runs (m)."""
     missed = [
         abs(float(np.mean(run.p_B[run.controller_window(*window), 1])) - end)
         for run in (runs.force_position, runs.position)

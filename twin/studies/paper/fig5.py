@@ -14,7 +14,7 @@ from twin.kernel.recording.reader import Recording
 from twin.robot.controller.program import PhaseKind, Press, Push, Roll, Tap, Task
 from twin.studies.metrics.response import overshoot, rms
 from twin.studies.paper import fig5_measures as measure
-from twin.studies.paper.claim import Claim, ClaimFinding, failed_keys, finding_to_dict, judge_claim
+from twin.studies.paper.claim import Claim, ClaimFinding, failed_keys, judge_claim
 from twin.studies.paper.task_run import Mask, TaskRun, body_of, drive_of, task_runs, trip_sentence
 
 PRESS_DOWN = "goes down gently"
@@ -191,16 +191,7 @@ TASK_CLAIMS: dict[str, tuple[Claim, ...]] = {
 
 @dataclass(frozen=True)
 class TaskScore:
-    """Score of one massage task on the claims of Fig. 5.
-
-    Attributes:
-        path: recording of the run.
-        run: the task's curves.
-        drive, body: names.
-        name: name of the task within the run, e.g. `push 2`.
-        manner: text of the requested values.
-        findings: in the order of the claims.
-    """
+    """Score of one task, such as `push 2`, with its requested manner, on Fig. 5: findings in claims' order."""
 
     path: Path
     run: TaskRun
@@ -210,35 +201,25 @@ class TaskScore:
     manner: str
     findings: tuple[ClaimFinding, ...]
 
+    JSON_KEYS = "recording=path drive body task=run.number kind manner failed=failed_keys claims=findings"
+
     @property
     def kind(self) -> str:
         return self.run.task.kind
 
-    def to_dict(self) -> dict[str, object]:
-        """Convert the score of a task to a JSON-compatible dict."""
-        return {
-            "recording": str(self.path),
-            "drive": self.drive,
-            "body": self.body,
-            "task": self.run.number,
-            "kind": self.kind,
-            "manner": self.manner,
-            "failed": failed_keys(self.findings),
-            "claims": [finding_to_dict(finding) for finding in self.findings],
-        }
+    @property
+    def failed_keys(self) -> list[str]:
+        return failed_keys(self.findings)
 
 
 @dataclass(frozen=True)
 class Fig5Score:
-    """Score of runs on the claims of Fig. 5.
-
-    Attributes:
-        tasks: in the order of the runs and of their tasks.
-        remarks: a sentence on each run that tripped or is damaged.
-    """
+    """Score on Fig. 5: tasks in the order of the runs, a remark on each run that tripped or is damaged."""
 
     tasks: tuple[TaskScore, ...]
     remarks: tuple[str, ...]
+
+    JSON_KEYS = "failed=failed_keys tasks remarks"
 
     @property
     def findings(self) -> list[ClaimFinding]:
@@ -249,22 +230,9 @@ class Fig5Score:
         """Keys of the claims of Fig. 5 that fail for any task, each once."""
         return list(dict.fromkeys(failed_keys(self.findings)))
 
-    def to_dict(self) -> dict[str, object]:
-        """Convert the score on Fig. 5 to a JSON-compatible dict."""
-        return {
-            "figure": "5",
-            "failed": self.failed_keys,
-            "tasks": [task.to_dict() for task in self.tasks],
-            "remarks": list(self.remarks),
-        }
-
 
 def fig5_score(recordings: Sequence[Recording]) -> Fig5Score:
-    """Judge every massage task of the recordings on the claims of Fig. 5.
-
-    Raises:
-        InputRefused: a recording has no task.
-    """
+    """Judge every massage task of the recordings on the claims of Fig. 5."""
     tasks = [score for recording in recordings for score in _task_scores(recording)]
     remarks = [text for recording in recordings for text in (trip_sentence(recording), recording.note) if text]
     return Fig5Score(tuple(tasks), tuple(remarks))
@@ -294,7 +262,6 @@ def _task_scores(recording: Recording) -> list[TaskScore]:
 
 
 def manner(task: Task) -> str:
-    """Format the values that a massage task requests as text."""
     match task:
         case Press():
             return f"{task.force:g} N for {task.hold:g} s"

@@ -44,14 +44,10 @@ LIMIT_SHARE = 0.35
 """Maximum excess of the monitor's limit over the force, as a share, for both to fit one axis."""
 TASK_TITLES = {"press": "A  Pressing", "tap": "B  Tapping", "roll": "C  Rolling", "push": "D  Pushing"}
 SHOWN_TAPS = 3
-"""Number of taps in the panels over time."""
 
 
 def draw_fig5(score: Fig5Score, path: Path) -> None:
-    """Draw Fig. 5 from runs of massage tasks to `path` (PNG), a column per task.
-
-    A series that a run lacks is left out.
-    """
+    """Draw Fig. 5 to `path` (PNG), a column per task; a series that a run lacks is left out."""
     shown = shown_tasks(score)
     width = COLUMN_WIDTH * len(shown) + 0.6
     with picture(path, width, 9.6, by_hand=True) as figure:
@@ -144,7 +140,6 @@ PATH_PANELS: dict[str, Callable[[Axes, TaskRun], None]] = {
     "roll": _draw_circle,
     "push": _draw_line,
 }
-"""Functions that draw the middle panel, by kind of task."""
 
 
 def _draw_force(axes: Axes, run: TaskRun) -> None:
@@ -187,16 +182,11 @@ def seen_part(run: TaskRun) -> slice:
 
 
 def bound_of(key: str) -> Claim:
-    """Return the claim of Fig. 5 with the given key, for its bounds."""
     return next(claim for claims in TASK_CLAIMS.values() for claim in claims if claim.key == key)
 
 
 def draw_in_space(axes: "Axes3D", run: TaskRun, floor: float) -> None:
-    """Draw the spatial path of a massage task into `axes`.
-
-    Args:
-        floor: lowest height of all panels (m).
-    """
+    """Draw the spatial path of a massage task into `axes` above `floor`, the lowest height of all panels (m)."""
     bottom = 1e3 * floor - BOX_MARGIN
     # drawn in source order: matplotlib's own depth sorting hides traces within the surface
     axes.computed_zorder = False
@@ -229,7 +219,6 @@ def _height(run: TaskRun) -> float:
 
 
 def _draw_box(axes: "Axes3D", bottom: float) -> None:
-    """Draw the twelve edges of the box around a spatial path."""
     corners = np.array(
         list(product((-BOX_HALF_WIDTH, BOX_HALF_WIDTH), (-BOX_HALF_WIDTH, BOX_HALF_WIDTH), (bottom, BOX_TOP)))
     )
@@ -252,10 +241,7 @@ def _draw_surface(axes: "Axes3D", height: float) -> None:
 
 
 def _moves(run: TaskRun) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
-    """Return (start, vector) of the arrows in mm that show a task's motion in space.
-
-    Down next to the point; around the circle or along the line.
-    """
+    """Return (start, vector), mm, of a task's arrows: down beside the point, or around the circle, along the line."""
     x, y = (1e3 * c for c in run.task.point)
     high, low = -88.0, 1e3 * _height(run) + 1.0
     moves: list[tuple[tuple[float, ...], tuple[float, ...]]] = [((x - 3.0, y, high), (0.0, 0.0, low - high))]

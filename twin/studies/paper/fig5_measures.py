@@ -77,10 +77,7 @@ def slowness(run: TaskRun) -> float:
 
 
 def height_before(run: TaskRun) -> float:
-    """Measure the smallest height above the touch that a tap starts from, over the requested lift.
-
-    0 if the platform is not above the point.
-    """
+    """Measure a tap's smallest start height above the touch over the requested lift; 0 if not above the point."""
     assert isinstance(run.task, Tap)
     heights = []
     for tap in run.taps:
@@ -151,10 +148,7 @@ def off_line(run: TaskRun, on: Mask) -> response.Curve:
 
 
 def symmetry_reason(deviation: Measure) -> Callable[[TaskRun], str]:
-    """Return a function that explains why a run cannot support a claim of Fig. 5.
-
-    The explanation applies if the deviation is 0 by the robot's own symmetry.
-    """
+    """Return a function that explains a deviation of 0 by the robot's symmetry, which supports no claim of Fig. 5."""
     return lambda run: "0 by the robot's own symmetry" if deviation(run) < DEVIATION_ROUNDING else ""
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.reader import Recording, read
+from twin.kernel.serialise import to_dict
 from twin.studies.command import write_verdict
 from twin.studies.paper import fig5
 from twin.studies.paper.claim import OWN_CHECKS, PAPER_CLAIMS, ClaimFinding, bound_usage, standing_text, tally
@@ -45,11 +46,10 @@ def fig4_result(score: Fig4Score) -> Result:
         lines += [f"'ok !': known not to be reproduced, and reproduced here: {', '.join(score.reproduced_keys)}."]
     lines += ["", "Tuned to meet the text: " + ", ".join(sorted(key.rpartition(".")[2] for key in score.tuned))]
     lines += [f"Out of scope: {text}" for text in score.out_of_scope]
-    return _result(lines, score.to_dict(), not score.failed_keys and not score.unscored_keys)
+    return _result(lines, {"figure": "4"} | to_dict(score), not score.failed_keys and not score.unscored_keys)
 
 
 def fig5_result(score: fig5.Fig5Score) -> Result:
-    """Return the report on Fig. 5: every claim of every task; for many runs a table and the failures."""
     held, judged = tally(score.findings)
     lines: list[Block] = [_two_columns("Fig. 5", f"{held} of {judged} {PAPER_CLAIMS} hold")]
     runs = {task.path for task in score.tasks}
@@ -61,7 +61,7 @@ def fig5_result(score: fig5.Fig5Score) -> Result:
             title = _two_columns(f"{task.name}: {task.manner}", f"{task.drive} on {task.body}")
             lines += [title, _claims_table(task.findings), ""]
         lines += ["All are judged on the true force and the true position."]
-    return _result(lines, score.to_dict(), not score.failed_keys)
+    return _result(lines, {"figure": "5"} | to_dict(score), not score.failed_keys)
 
 
 def _table(tasks: Sequence[fig5.TaskScore]) -> list[Block]:
@@ -151,10 +151,6 @@ def score_fig4(paths: Sequence[Path], out: Path | None) -> Result:
     Args:
         paths: two or four runs in the order of `FIG4_EXPERIMENTS`; empty for the latest in results/.
         out: folder; None for results/fig4.
-
-    Raises:
-        InputRefused: wrong number of runs, or an invalid run or folder.
-        NotWritten: the disk refuses.
     """
     paths = paths or _latest("fig4")
     if len(paths) not in (2, 4):
@@ -179,10 +175,6 @@ def score_fig5(paths: Sequence[Path], out: Path | None) -> Result:
     Args:
         paths: runs of tasks; empty for the latest of `FIG5_EXPERIMENTS` in results/.
         out: folder; None for results/fig5.
-
-    Raises:
-        InputRefused: an invalid run or folder.
-        NotWritten: the disk refuses.
     """
     recordings = _recordings(paths or _latest("fig5"))
     score = fig5.fig5_score(recordings)

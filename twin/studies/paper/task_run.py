@@ -55,7 +55,6 @@ class TaskRun:
 
     @cached_property
     def _window(self) -> slice:
-        """Slice of the plant's samples during this task."""
         on = (self.recording["controller.task"] == self.number) & (self.recording["controller.phase"] != PhaseKind.DONE)
         ticks = np.flatnonzero(on[self._sample_indices])
         return slice(ticks[0], ticks[-1] + 1) if len(ticks) else slice(0, 0)
@@ -74,7 +73,6 @@ class TaskRun:
         return self.controller_series("phase").astype(np.int64)
 
     def phase_mask(self, kind: PhaseKind) -> Mask:
-        """Return the mask of the task's samples in a phase."""
         return self.phase == kind
 
     @cached_property
@@ -117,7 +115,6 @@ class TaskRun:
 
     @property
     def has_monitor(self) -> bool:
-        """Whether the run had a safety monitor."""
         return "monitor.tripped" in self.recording.fields()
 
     @cached_property
@@ -127,11 +124,7 @@ class TaskRun:
 
 
 def task_runs(recording: Recording) -> list[TaskRun]:
-    """Split a recorded run into its massage tasks, in their order.
-
-    Raises:
-        InputRefused: the run has no task, or lacks a series that the claims need.
-    """
+    """Split a recorded run into its massage tasks, in their order."""
     tables = _tuples(settings(recording).get("task", []))
     tasks = tuple(checked_tasks(TASK_KINDS, tables, []).values())
     if tasks and (missing := missing_series(FIG5_SERIES, recording.fields())):

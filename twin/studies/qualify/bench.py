@@ -41,7 +41,6 @@ MAX_VARIABLES = 60
 
 
 VARIABLE_COLUMNS = (Column("", 8, left=True, gap=2), Column("", 10, left=True), Column(folds=True))
-"""Columns after the name of a variable."""
 SLICE_TICKS = 100
 CHECK_TICKS = 500
 """Ticks between two checks for an early end of a run."""
@@ -56,13 +55,7 @@ MAX_MOTION = 1e9
 
 
 def variables_text(parts: "Mapping[str, FmuDescription | EnclosedSystem]") -> str:
-    """List the inputs and outputs of each FMU of a drive as text.
-
-    Local variables are listed, too, if no output can be the shaft's angle.
-
-    Args:
-        parts: part name -> FMU; "" for a single FMU.
-    """
+    """List each FMU's inputs and outputs, and its locals if no output can be the angle; part "" is a single FMU."""
     blocks: list[Block] = []
     for part, fmu in parts.items():
         for causality, variables in _variables_by_causality(fmu).items():
@@ -104,7 +97,6 @@ class Response:
     """Response of a drive on the bench, one sample per tick, all (ticks,).
 
     Attributes:
-        t: time (s).
         omega_ref, omega_m: commanded and actual motor speed (rad/s).
         tau_load: load (N m).
         theta_m: motor angle (rad).
@@ -123,10 +115,7 @@ class Response:
         return slice(round(start / TICK), round(end / TICK))
 
     def mean_speed(self, start: float, end: float) -> float:
-        """Return the drive's mean speed (rad/s) in start <= t < end (s).
-
-        It is the slope of a line through the angle, which averages ripple.
-        """
+        """Return the mean speed (rad/s) in start <= t < end (s), by a line through the angle, averaging ripple."""
         part = self.window(start, end)
         t = self.t[part] - np.mean(self.t[part])
         return float(t @ (self.theta_m[part] - self.theta_m[part.start]) / (t @ t))
@@ -154,9 +143,6 @@ def on_bench(plan: DrivePlan, tick: float, inputs: Curve) -> Iterator[System]:
         plan: drive; all axes of a three-axis drive get the same command and load.
         tick: communication step (s).
         inputs: commanded speed (rad/s) and load (N m), held from tick to tick, (ticks, 2).
-
-    Raises:
-        InputRefused: the drive cannot be loaded or initialised, or refuses this tick.
     """
     ports = tuple(replace(port, size=plan.axes) for port in (OMEGA_REF, LOAD_ROLE.port))
     signals = playback(ports, np.repeat(inputs, plan.axes, axis=1))
@@ -218,15 +204,7 @@ def response(
 
 
 def refuse_impossible(plan: DrivePlan, system: System, rows: Curve) -> None:
-    """Refuse finite but physically impossible motion of a drive on the bench.
-
-    Args:
-        system: system made by `on_bench`.
-        rows: outputs of the system (ticks, outputs), finite.
-
-    Raises:
-        ComponentFailed: angle or speed exceed `MAX_MOTION`.
-    """
+    """Refuse finite but physically impossible motion in `rows` (ticks, outputs) of a system by `on_bench`."""
     motion = rows[:, [system.columns(f"drive.{name}").start for name in ("theta_m", "omega_m")]]
     beyond = np.abs(motion) > MAX_MOTION
     if beyond.any():
@@ -241,24 +219,16 @@ def refuse_impossible(plan: DrivePlan, system: System, rows: Curve) -> None:
 
 @dataclass(frozen=True)
 class Inputs:
-    """Recorded inputs of a robot part at each of its samples.
-
-    Attributes:
-        t: times of the samples (n,), s.
-        period: sampling period (s).
-        u: inputs (n, inputs), SI.
-    """
+    """Recorded inputs of a robot part: sampling times t (n,), s, sampling period (s), inputs u (n, inputs), SI."""
 
     t: NDArray[np.float64]
     period: float
     u: NDArray[np.float64]
 
     def first(self, count: int) -> "Inputs":
-        """Return the first `count` samples of the inputs."""
         return replace(self, t=self.t[:count], u=self.u[:count])
 
     def skip(self, count: int) -> "Inputs":
-        """Return all but the first `count` samples of the inputs."""
         return replace(self, t=self.t[count:], u=self.u[count:])
 
     def nudge(self) -> "Inputs":
@@ -283,11 +253,7 @@ class PartCalls:
 
 
 def inputs_for(part: ThirdPartyPart, run: Trace, experiment: Experiment, period: int) -> Inputs:
-    """Return the inputs that a robot part would have received in a recorded run.
-
-    Args:
-        period: period of the part, in ticks.
-    """
+    """Return the inputs that a part called every `period` (ticks) would have received in a recorded run."""
     (row,) = [row for row in COMPONENT_ROWS if row.name == part.role]
     ticks = np.arange(0, experiment.duration_ticks + 1, period)
     columns = [np.zeros((len(ticks), 0))]
@@ -327,12 +293,7 @@ def not_finite(component: Component, row: NDArray[np.float64]) -> str:
 
 
 def repeats_from_state(component: Component, inputs: Inputs) -> bool:
-    """Whether a robot part gives the same bits again after the FMU's state is restored halfway.
-
-    Raises:
-        ComponentFailed: the FMU refuses to save or restore its state.
-        InputRefused: the FMU is marked as stateless.
-    """
+    """Whether a part repeats its bits from a restored state; raise `TwinError` if it has no usable state."""
     half = len(inputs.t) // 2
     call_part(component, inputs.first(half))
     nothing = np.zeros(0)

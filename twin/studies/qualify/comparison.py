@@ -14,6 +14,7 @@ import numpy as np
 
 from twin.kernel.cosim.observers import simulate
 from twin.kernel.errors import ComponentFailed
+from twin.kernel.serialise import to_dict
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment, with_plant
@@ -29,7 +30,6 @@ from twin.studies.metrics.standing import Difference, Ranks, overall_ranks, pair
 from twin.studies.qualify.definitions import Definition, Measure
 
 PAIRED_SEEDS = range(1, 9)
-"""Seeds of the paired runs."""
 MOTOR_ZERO, JOINT_ZERO = np.radians([0.088, 0.022])
 """Maximum error (rad) of an encoder zero calibrated to one count: 360/4096 and 360/16384 deg."""
 MOTOR_NOISE, JOINT_NOISE = np.radians([0.05, 0.02])
@@ -66,9 +66,7 @@ COMPARED_MEASURES = {
     "energy": Definition("energy", "J", "electrical energy the three drives draw, if they have an output for power"),
     "cost": Definition("cost", "s", "wall time in the step functions of the three drives, per tick"),
 }  # fmt: skip
-"""Measures under `measures` in JSON, as defined in 1.0; the intervals differ from the common table of measures. They
-need no held force, and continue after a trip of the safety monitor.
-"""
+"""Measures under `measures` in JSON as in 1.0; they need no held force, and continue after a trip of the monitor."""
 FREE_RUN_MEASURES = ("settling_time", "overshoot", "rms_force_error", "rms_z_error")
 """Measures shown in the text if no drive holds a force."""
 DRIVE_COLORS = (BLUE, ORANGE, GREEN, PINK, SKY, VERMILION, "#6a3d9a", INK)
@@ -96,11 +94,7 @@ class TrueRun:
         self.z_ref: Curve = run.held("controller.p_cmd_B" if self._tasks else "controller.p_ref_B")[:, 2]
 
     def measures(self, cost: float) -> tuple[Measure, ...]:
-        """Compute all measures for the comparison of drives.
-
-        Args:
-            cost: wall time in the drives per tick (s).
-        """
+        """Compute all measures for the comparison of drives; `cost`: wall time in the drives per tick (s)."""
         late = np.arange(len(self.t)) >= len(self.t) // 2
         pressing = np.isin(self.run.held("controller.phase"), UNDER_FORCE) if self._tasks else late
         touching = bool(np.any(self.F_z[pressing] > 0.0))
@@ -171,13 +165,9 @@ class DriveTrial:
     """Results of one of the compared drives in the experiment.
 
     Attributes:
-        name: name of the drive, as typed.
         run: true signals, up to the failure if there was one.
-        measures: all of `COMPARED_MEASURES`.
-        values: measures of the run.
         failure: error that ended the run early; empty if it completed.
         repeats: measures of the paired runs, in the order of `PAIRED_SEEDS`; empty if one of them failed or tripped.
-        unjudged: reason why the drive is not judged; empty if it is.
     """
 
     name: str
@@ -191,12 +181,7 @@ class DriveTrial:
 
 @dataclass(frozen=True)
 class DriveTrials:
-    """Results of all compared drives in one experiment.
-
-    Attributes:
-        name: name of the experiment.
-        trials: results, one per drive.
-    """
+    """Results of all compared drives in one experiment."""
 
     name: str
     trials: tuple[DriveTrial, ...]
@@ -216,16 +201,7 @@ def trials(
     body: str | None = None,
     say: Say = ignore_progress,
 ) -> tuple[DriveTrials, ...]:
-    """Run each experiment with each of the drives in all three joints, for comparison.
-
-    Args:
-        experiments: experiment files.
-        drives: drives, see `load_experiment`.
-        settings, body: settings and body of all experiments, see `load_experiment`.
-
-    Raises:
-        InputRefused: an experiment or a drive is invalid; checked before any experiment is run.
-    """
+    """Run each experiment with each of the drives in all three joints, for comparison."""
     loaded = [[load_experiment(path, settings, drive, body) for drive in drives] for path in experiments]
     for one in (one for row in loaded for one in row):
         assemble(one).close()
@@ -245,10 +221,7 @@ def trials(
 
 
 def verdict(compared: Sequence[DriveTrials]) -> list[str]:
-    """Return the verdict of a comparison of drives: a sentence per drive, except the first, over all experiments.
-
-    A drive that is not judged gets a sentence, too.
-    """
+    """Return the verdict of a comparison over all experiments: a sentence per drive except the first, judged or not."""
     first = compared[0].trials[0].name
     by_drive: dict[str, list[Ranks]] = {}
     for one in compared:
@@ -288,8 +261,7 @@ def comparison_facts(compared: DriveTrials) -> dict[str, Any]:
             "seeds": list(PAIRED_SEEDS),
             "beside": done[0].name,
             "drives": {
-                name: {one.measure.key: one.json_values for one in found}
-                for name, found in compared.differences().items()
+                name: {one.measure.key: to_dict(one) for one in found} for name, found in compared.differences().items()
             },
         },
     }
@@ -344,10 +316,7 @@ def _trial(experiment: Experiment, name: str) -> DriveTrial:
 
 
 def draw_drive_compare(trials: Sequence[DriveTrial], title: str, path: Path) -> None:
-    """Draw the compared drives' force or height, its approach and its errors to `path` (PNG).
-
-    The controlled quantity is the true pressing force if the robot touches anything, else the true z.
-    """
+    """Draw force (height if the robot touches nothing), approach and errors of the compared drives to `path` (PNG)."""
     with picture(path, 11, 7.5, title) as figure:
         (whole, start), (z_error, late) = figure.subplots(2, 2)
         runs = [trial.run for trial in trials]

@@ -23,13 +23,11 @@ REPORT_PERIOD = 1.0
 TICK = 1e-3
 """Communication step (s), the same as in the experiments."""
 SPEED_IN_USE = 0.5
-"""Speed in use (rad/s). Fig. 4 commands at most 0.50 rad/s: where the force loop is triggered and the z reference
-jumps."""
+"""Speed in use (rad/s): Fig. 4 commands at most 0.50, when the force loop triggers and the z reference jumps."""
 SPEED_LIMIT = 8.0
 """Speed limit (rad/s), where the controller clamps its command."""
 LOAD_IN_USE = 0.1
-"""Load in use (N m). A press of 5 N needs 0.06 N m of each motor, through a belt of N = 2; weight and inertia add to
-it."""
+"""Load in use (N m): 5 N need 0.06 N m of each motor through a belt of N = 2; weight and inertia add to that."""
 LOAD_PEAK = 0.6
 """Peak load (N m). Ten presses of 5 N: a drive that holds it has a margin in every task."""
 MAX_LOAD = 4.0
@@ -60,26 +58,17 @@ CHECK_MEANINGS = {
     "state": "after its state was saved, changed and restored, an instance continues from there, bit for bit",
     "written": "another process reads its serialized state and continues from there, bit for bit",
 }
-"""Check name -> condition. A failed check disqualifies a drive, except `reset`, `state` and `written`, which not every
-run needs.
-"""
+"""Check name -> condition; `reset`, `state` and `written` do not disqualify a drive, as not every run needs these."""
 NEGLIGIBLE_DROOP = ENCODER_RESOLUTION / LOAD_IN_USE
 """Threshold of a negligible droop (rad/s per N m): one encoder count per second of averaging."""
 UNIT_ERROR_FACTOR = 100.0
 """Ratio to the drives of fmus/ above which a drive's load is probably in another unit."""
 MAX_DROOP, STALL_RANGE = 0.6, (0.378, 2.94)
-"""Limits of the drives of fmus/ except the ideal one: largest droop (rad/s per N m), smallest and largest stall torque
-(N m).
-"""
+"""Limits of the drives of fmus/ but the ideal: droop (rad/s per N m), smallest and largest stall torque (N m)."""
 
 
 class Workload:
-    """Progress counter of the ticks of a drive's qualification.
-
-    Args:
-        label: name of the drive.
-        sure: whether a check of more than an hour is confirmed.
-    """
+    """Progress counter of the ticks of a qualification; `sure` if more than an hour is confirmed."""
 
     def __init__(self, label: str, say: Say = ignore_progress, sure: bool = True):
         self._label, self._say, self._sure = label, say, sure
@@ -87,11 +76,7 @@ class Workload:
         self._reported = time.monotonic()
 
     def count_ticks(self, ticks: int, taken: float) -> None:
-        """Add completed ticks and their wall time (s) to the progress of the qualification, and report it.
-
-        Raises:
-            InputRefused: the whole check will take more than an hour, and that was not confirmed.
-        """
+        """Add completed ticks and their wall time (s) to the progress of the qualification, and report it."""
         self._done += ticks
         self._taken += taken
         each = self._taken / self._done
@@ -107,12 +92,7 @@ class Workload:
 
 
 def work_cycle(speed: float = SPEED_IN_USE, load: float = LOAD_IN_USE, end: float = CYCLE_END) -> tuple[Curve, Curve]:
-    """Return commanded speed (rad/s) and load (N m) of the qualification's work cycle, one value per tick.
-
-    Args:
-        speed, load: values after their steps.
-        end: end of the cycle (s).
-    """
+    """Return speed (rad/s) and load (N m) per tick of the work cycle, stepping to the values, up to `end` (s)."""
     k = np.arange(round(end / TICK))
     return np.where(k >= round(COMMAND_TIME / TICK), speed, 0.0), np.where(k >= round(LOAD_TIME / TICK), load, 0.0)
 
@@ -180,13 +160,7 @@ Verdict = Literal["ok", "FAIL", "note"]
 
 @dataclass(frozen=True)
 class Check:
-    """Result of one check of a drive or part.
-
-    Attributes:
-        name: key in `CHECK_MEANINGS`.
-        verdict: "FAIL" disqualifies the drive, "note" is informative.
-        detail: evidence, a phrase.
-    """
+    """Result of one check in `CHECK_MEANINGS`; "FAIL" disqualifies, "note" informs; `detail`: evidence."""
 
     name: str
     verdict: Verdict
@@ -195,13 +169,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Measure:
-    """Result of one measurement of a drive.
-
-    Attributes:
-        name: key in `MEASURE_DEFINITIONS`.
-        value: value in the unit of the definition; None if it cannot be measured.
-        remark: reason for a missing value, or a remark on the value.
-    """
+    """Result of one measurement in the definition's unit, None if impossible; `remark`: the reason, or on the value."""
 
     name: str
     value: float | None
@@ -212,5 +180,4 @@ Finding = Check | Measure
 
 
 def make_check(name: str, right: bool, detail: str, otherwise: Verdict = "FAIL") -> Check:
-    """Build the result of a check: verdict "ok" if `right`, else `otherwise`."""
     return Check(name, "ok" if right else otherwise, detail)

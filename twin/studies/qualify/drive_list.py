@@ -30,13 +30,16 @@ DRIVE_COLUMNS = (
 
 
 def drive_facts(plan: "DrivePlan") -> dict[str, object]:
-    """Return the facts of a drive for JSON: FMUs, roles, wires, parameters, warnings."""
     from twin.kernel.fmi.description import capability_rows
     from twin.kernel.fmi.variable import to_json
 
     return {
         "command": plan.table.command,
-        **_ssp_facts(plan),
+        **(
+            {"ssp": {"file": str(ssp.path), "sha256": ssp.sha256, "version": ssp.version}}
+            if (ssp := plan.system)
+            else {}
+        ),
         "fmus": [
             {
                 "part": part,
@@ -74,12 +77,6 @@ def drive_facts(plan: "DrivePlan") -> dict[str, object]:
     }
 
 
-def _ssp_facts(plan: "DrivePlan") -> dict[str, object]:
-    """Return file, hash and version of an SSP; empty for other drives."""
-    system = plan.system
-    return {"ssp": {"file": str(system.path), "sha256": system.sha256, "version": system.version}} if system else {}
-
-
 def _parameter(v: "Variable") -> dict[str, object]:
     numbers = {"start": v.start, "min": v.low, "max": v.high}
     stated = {key: None if math.isnan(value) else value for key, value in numbers.items()}
@@ -88,7 +85,6 @@ def _parameter(v: "Variable") -> dict[str, object]:
 
 
 def drive_text(plan: "DrivePlan") -> str:
-    """Return the facts of a drive as text of at most `text_width` columns."""
     from twin.kernel.fmi.description import KIND_NAMES, capability_rows
     from twin.kernel.fmi.variable import to_json
     from twin.robot.assembly.drives import qualified_name
@@ -154,7 +150,6 @@ def _start(v: "Variable") -> str:
 
 
 def _solver_lines(plan: "DrivePlan", part: str) -> list[str]:
-    """Return the lines on the solver of a part, if it is known or could be chosen."""
     fmu, solver = plan.parts[part], plan.solver(part)
     if solver is None:
         if plan.system is not None:
@@ -173,9 +168,6 @@ class ListedDrive(NamedTuple):
         name: name of the folder, as accepted by `--drive`.
         kind: "servo" (takes a speed), "motor" (twin's velocity loop commands it), "parts" (several FMUs); "" if the
             drive does not fit.
-        command: commanded quantity.
-        fmi: FMI versions.
-        description: description of the FMU, one line.
         problem: reason why the drive does not fit; empty if it does.
     """
 
@@ -188,16 +180,7 @@ class ListedDrive(NamedTuple):
 
 
 def listed_drives(start: Path) -> tuple[ListedDrive, ...]:
-    """List all drives in the folder fmus/, sorted by name, with kind, command and FMI versions.
-
-    A drive that does not fit the robot is listed with the reason.
-
-    Args:
-        start: folder from which fmus/ is searched upwards.
-
-    Raises:
-        InputRefused: fmus/ does not exist.
-    """
+    """List all drives in fmus/ above `start` by name, with the reason for each unfit one; refuse if missing."""
     shelf = locate_file(DRIVES_FOLDER, start)
     if not shelf.is_dir():
         raise InputRefused(f"{shelf}: no such folder; run this in the project's folder, or name a drive by its path")

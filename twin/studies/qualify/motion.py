@@ -39,11 +39,9 @@ from twin.studies.qualify.definitions import (
 )
 
 WRONG_SCALE = 1.5
-"""Factor between actual and commanded speed above which units are wrong: rpm give 9.5, degrees 57; gears are
-similar."""
+"""Factor between actual and commanded speed above which units are wrong: rpm give 9.5, degrees 57, gears similar."""
 WRONG_RATE = 0.05
-"""Relative deviation of omega_m from the rate of theta_m; twice the error of a 0.024 rad/s register at the speed in
-use."""
+"""Relative deviation of omega_m from theta_m's rate; twice the error of a 0.024 rad/s register at the speed in use."""
 LOAD_WINDOW = 0.1
 """Time window after the load step for measuring its effect (s): before an integral loop compensates it."""
 ANGLE_ROUNDING = 1e-9
@@ -59,8 +57,7 @@ HOLD_TIME = 1.0
 that long is too high by at most 0.5 J: 0.0035 N m for 7e-3 kg m2. A longer time would heat and weaken the winding.
 """
 STALL_SHARE = 0.1
-"""Stall threshold (share of the commanded speed): friction smoothed around standstill lets a model creep below it
-forever."""
+"""Stall threshold (share of the commanded speed): smoothed friction lets a model creep below it forever."""
 SPEED_WINDOW = 0.05
 """Averaging time of the speed (s): a stepper oscillates while it turns."""
 STALL_UNCERTAINTY = 0.02
@@ -68,14 +65,12 @@ STALL_UNCERTAINTY = 0.02
 STALL_TIME = 0.3
 """Time below `STALL_SHARE` after which a shaft is stalled (s)."""
 USUAL_TOLERANCE = 1e-4
-"""Assumed relative tolerance of the solver in an FMU without a declared one; Dymola and OpenModelica export 1e-4 and
-1e-6."""
+"""Assumed relative solver tolerance of an FMU without one; Dymola and OpenModelica export 1e-4 and 1e-6."""
 TOLERANCE_FACTOR = 0.01
 NEGLIGIBLE_ANGLE = 0.01 * ENCODER_RESOLUTION
 """Threshold of a solver error worth reporting (rad)."""
 LOWEST_FREQUENCY, HIGHEST_FREQUENCY = 0.25, 200.0
-"""Frequency range (Hz). The lowest represents the static gain; the highest is a fifth of the command's sampling
-rate."""
+"""Frequency range (Hz): the lowest represents the static gain, the highest is a fifth of the sampling rate."""
 PER_OCTAVE = 2
 FINE_FREQUENCIES = 5
 """Number of extra frequencies between the two neighbours of the bandwidth."""
@@ -89,14 +84,7 @@ HALF_POWER = 1.0 / np.sqrt(2.0)
 
 
 def direction_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
-    """Check a drive's direction, scale and rate; measure its speed and no-load speed.
-
-    Args:
-        cycle: response to the work cycle.
-
-    Raises:
-        ComponentFailed: the drive failed in one of the runs.
-    """
+    """Check a drive's direction, scale and rate; measure its speed and no-load speed."""
     back = response(plan, *work_cycle(speed=-SPEED_IN_USE, end=LOAD_TIME))
     fast = response(plan, *work_cycle(speed=SPEED_LIMIT, end=LOAD_TIME))
     window = (LOAD_TIME - AVERAGE_TIME, LOAD_TIME)
@@ -126,14 +114,7 @@ def direction_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
 
 
 def load_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
-    """Check a drive's response to load, and measure its droop.
-
-    Args:
-        cycle: response to the work cycle.
-
-    Raises:
-        ComponentFailed: the drive failed in the run without load.
-    """
+    """Check a drive's response to load, and measure its droop."""
     free = response(plan, *work_cycle(load=0.0))
     first = round(LOAD_TIME / TICK)
     behind = (free.theta_m - cycle.theta_m)[first : first + round(LOAD_WINDOW / TICK)]
@@ -187,25 +168,13 @@ def _in_time(name: str, value: float, remark: str = "") -> Measure:
 
 
 def overload(plan: DrivePlan) -> Response:
-    """Run a drive at the speed in use under a growing load until its shaft has stalled; return the response.
-
-    Raises:
-        ComponentFailed: the drive failed.
-    """
+    """Run a drive at the speed in use under a growing load until its shaft has stalled; return the response."""
     t = TICK * np.arange(round((RAMP_START + MAX_LOAD / RAMP_RATE) / TICK))
     tau_load = RAMP_RATE * np.maximum(0.0, t - RAMP_START)
     return response(plan, np.full(len(t), SPEED_IN_USE), tau_load, enough=_is_stall)
 
 
 def stall_torque(plan: DrivePlan, done: Response) -> Measure:
-    """Measure a drive's stall torque.
-
-    Args:
-        done: response to `overload`.
-
-    Raises:
-        ComponentFailed: the drive failed under a held load.
-    """
     if not _is_stall(done.theta_m):
         return Measure("stall_torque", None, f"more than {MAX_LOAD:g} N m")
     found = ramped_torque(done)
@@ -253,11 +222,7 @@ def held_torque(found: float, carries: Callable[[float], bool]) -> float:
 
 
 def carries_load(plan: DrivePlan, load: float, rate: float = RAMP_RATE) -> bool:
-    """Whether a drive at the speed in use still turns after a load (N m) has been held.
-
-    Raises:
-        ComponentFailed: the drive failed.
-    """
+    """Whether a drive at the speed in use still turns after a load (N m) has been held."""
     t = TICK * np.arange(round((RAMP_START + load / rate + HOLD_TIME) / TICK))
     tau_load = np.clip(rate * (t - RAMP_START), 0.0, load)
     return not _is_stall(response(plan, np.full(len(t), SPEED_IN_USE), tau_load).theta_m)
@@ -271,14 +236,7 @@ def _is_stall(theta_m: Curve) -> bool:
 
 
 def repetition_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
-    """Check whether a drive repeats its response bit by bit, and measure its computing cost.
-
-    Args:
-        cycle: response to the work cycle.
-
-    Raises:
-        ComponentFailed: the drive failed in the second or third run.
-    """
+    """Check whether a drive repeats its response bit by bit, and measure its computing cost."""
     again = [response(plan, *work_cycle()) for _ in range(2)]
     differs = (cycle.theta_m != again[0].theta_m) | (cycle.omega_m != again[0].omega_m)
     sentence = f"bit for bit over {len(cycle.t)} steps"
@@ -296,9 +254,6 @@ def step_error(plan: DrivePlan, cycle: Response) -> Measure:
 
     Fixed steps of twin's own solver are halved too. Another run uses a tighter solver tolerance, whose error finer
     steps cannot reduce.
-
-    Args:
-        cycle: response to the work cycle.
     """
     steps, _ = rates(plan.label, plan.table, TICK)
     parts = {name: part.model_copy(update=_half_step(part)) for name, part in plan.table.parts.items()}
@@ -341,7 +296,6 @@ def _tolerance_error(plan: DrivePlan, cycle: Response) -> tuple[float, float]:
 
 
 def _angle_difference(one: Response, other: Response) -> float:
-    """Return the largest difference of the motor angle (rad) between two responses."""
     return float(np.max(np.abs(one.theta_m - other.theta_m)))
 
 
@@ -353,9 +307,6 @@ def frequency_response(plan: DrivePlan) -> tuple[Curve, Curve]:
 
     Returns:
         (frequencies (n,) in Hz, amplitude of speed over amplitude of command (n,)).
-
-    Raises:
-        ComponentFailed: the drive failed.
     """
     count = 1 + round(PER_OCTAVE * np.log2(HIGHEST_FREQUENCY / LOWEST_FREQUENCY))
     coarse = np.geomspace(LOWEST_FREQUENCY, HIGHEST_FREQUENCY, count)
@@ -369,15 +320,7 @@ def frequency_response(plan: DrivePlan) -> tuple[Curve, Curve]:
 
 
 def bandwidth(frequencies: Curve, gain: Curve, steady_gain: float) -> Measure:
-    """Measure a drive's bandwidth: the frequency where its amplitude ratio first falls below 1/sqrt(2) of its value.
-
-    The reference value is that at the lowest frequency.
-
-    Args:
-        frequencies: frequencies (Hz), ascending (n,).
-        gain: amplitude ratios (n,).
-        steady_gain: static speed over command, for a drive too slow for the lowest frequency.
-    """
+    """Measure where the gain first falls below 1/sqrt(2) of that at the lowest frequency, else of `steady_gain`."""
     if gain[0] < HALF_POWER * abs(steady_gain):
         return Measure("bandwidth", None, f"less than {LOWEST_FREQUENCY:g} Hz")
     if not gain[0] > 0.0:
@@ -405,10 +348,7 @@ def _gains(plan: DrivePlan, frequencies: Curve) -> Curve:
 
 
 def _amplitude(done: Response, phase: Curve, part: slice) -> float:
-    """Fit a sine and a straight line to a part of a drive's speed; return the sine's amplitude (rad/s).
-
-    The speed is the mean over each tick, from the angle: encoder steps and ripple are noise, averaged out by the fit.
-    """
+    """Fit sine and line to the speed (mean over each tick, by the angle); return the sine's amplitude (rad/s)."""
     speed = np.diff(done.theta_m[part]) / TICK
     angle = phase[part][1:]
     t = done.t[part][1:] - done.t[part][0]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.cosim.component import Component
-from twin.kernel.cosim.port import Port, by_port
+from twin.kernel.cosim.port import by_port
 from twin.kernel.cosim.selection import Selection
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
 from twin.kernel.fmi.component import FmuComponent
@@ -25,7 +25,6 @@ from twin.studies.qualify.definitions import Check, make_check
 from twin.studies.result import Block, Column, Note, Result, Table
 
 VERDICT_NAMES = {"ok": "ok", "FAIL": "fails", "note": "note"}
-"""Check verdict -> word in the report."""
 MAX_REPEATED_CALLS = 1000
 """Maximum number of calls in a check that repeats another."""
 MAX_DELAY_SAMPLES = 20
@@ -38,7 +37,6 @@ class PartAssessment:
 
     Attributes:
         period: period of its calls (s).
-        checks: checks in the order they were made.
         cost: wall time per call (s).
         own_differences: output name -> largest difference to twin's own component on the same inputs, SI; None if not
             compared.
@@ -58,16 +56,7 @@ class PartAssessment:
 def assess_part(
     part: ThirdPartyPart, experiment: Experiment, period: int, run: Trace, own: bool, say: Callable[[str], None]
 ) -> PartAssessment:
-    """Call a third-party part with the inputs that it would have received in a run, and check it.
-
-    Args:
-        experiment: experiment of the run.
-        period: period of the part, in ticks.
-        own: whether the run used twin's own component in this role.
-
-    Raises:
-        InputRefused: the part cannot be instantiated.
-    """
+    """Check a part called every `period` ticks with a run's inputs; `own`: twin's own part made the run."""
     bench = _Bench(part, experiment, period, inputs_for(part, run, experiment, period))
     say("calling it")
     first = bench.play(bench.inputs)
@@ -90,10 +79,7 @@ def assess_part(
 
 @dataclass(frozen=True)
 class _Bench:
-    """Provider of a new part instance for each check, created after the last one is freed.
-
-    Some parts allow only one instance.
-    """
+    """Provider of a new part instance per check, created after the last one is freed: some parts allow only one."""
 
     part: ThirdPartyPart
     experiment: Experiment
@@ -145,10 +131,7 @@ def _fmu_checks(bench: _Bench, inputs: Inputs, first: PartCalls) -> Iterator[Che
 
 
 def _state_checks(bench: _Bench, inputs: Inputs) -> Iterator[Check]:
-    """Check whether a part gives the same outputs again after its state is saved and restored; yield the result.
-
-    The verdict is "ok", or "note" if the outputs differ or the part cannot save its state, which no run needs.
-    """
+    """Yield whether a part repeats its outputs from a saved state; "note" if not, as no run needs that."""
     with bench.make_component() as component:
         if lacking := component.lacks_state(portable=False):
             yield Check("state", "note", f"{lacking}; a run does not need it")
@@ -209,15 +192,10 @@ def part_check(
     Exit code 1: the part does not fit.
 
     Args:
-        role: role of the part in the robot, one of `ROLE_CONTRACTS`.
         part: FMU, mapping, folder with one, or FILE:CLASS; None for the part named in the experiment.
         experiment: file or name of the experiment. Its run with twin's own part provides the inputs; if `part` is None,
             a run with the part named in the experiment.
         settings: settings applied to the experiment with the part, such as mapping and parameters.
-
-    Raises:
-        InputRefused: the part or the experiment cannot be used.
-        ComponentFailed: another component failed in the run.
     """
     if role not in ROLE_CONTRACTS:
         raise InputRefused(f"{role}: not a part that can be third-party; these can: {', '.join(ROLE_CONTRACTS)}")
@@ -255,16 +233,12 @@ def contracts() -> Result:
 
 
 def _absolute(part: str) -> str:
-    """Return the path of a part as an absolute path if it exists.
-
-    An experiment resolves relative paths from its own folder.
-    """
+    """Return a part's path, if it exists, as absolute, because an experiment resolves it from its own folder."""
     file, colon, name = part.rpartition(":") if ".py:" in part else (part, "", "")
     return f"{Path(file).absolute()}{colon}{name}" if os.path.exists(file) else part
 
 
 def part_result(done: PartAssessment) -> Result:
-    """Return the report of a third-party part's check."""
     part, label = done.part, done.part.label
     units = {port.name: port.unit for port in part.outputs}
     rows = [
@@ -288,7 +262,6 @@ def _difference(apart: float, unit: str) -> str:
 
 
 def component_facts(done: PartAssessment) -> dict[str, object]:
-    """Convert the check of a third-party part to a dictionary for JSON, SI."""
     part = done.part
     return {
         "role": part.role,
@@ -304,15 +277,15 @@ def component_facts(done: PartAssessment) -> dict[str, object]:
 
 
 def _contract(role: str) -> Table:
-    """Return a table of the ports of a role that a third-party part can take."""
     contract = ROLE_CONTRACTS[role]
     rows = [
-        (arrow, _port_text(port), port.unit, port.meaning + " (needed)" * (port.name in needed))
+        (
+            arrow,
+            port.name + f"[{port.size}]" * (port.size > 1),
+            port.unit,
+            port.meaning + " (needed)" * (port.name in needed),
+        )
         for arrow, ports, needed in (("<-", contract.inputs, ()), ("->", contract.outputs, contract.required))
         for port in ports
     ]
     return Table((Column(left=True), Column("", 12, left=True), Column("", 6, left=True), Column(folds=True)), rows)
-
-
-def _port_text(port: Port) -> str:
-    return port.name if port.size == 1 else f"{port.name}[{port.size}]"

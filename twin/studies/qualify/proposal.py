@@ -42,9 +42,7 @@ LOOP_TEMPLATE = """
 # period_ms = 0.25
 """
 MAX_UNFED_INPUTS = 20
-"""Maximum number of unconnected inputs listed."""
 MAX_PARTS = 50
-"""Maximum number of parts of a drive."""
 
 
 def proposal(description: FmuDescription) -> tuple[str, bool]:
@@ -64,7 +62,6 @@ def proposal(description: FmuDescription) -> tuple[str, bool]:
 
 
 def _command_lines(command: Command, sure: bool) -> list[str]:
-    """Return the lines of a mapping.toml for command, sign and gear ratio of a drive."""
     doubt = "" if sure else "   # or one of: " + ", ".join(f'"{other}"' for other in COMMAND_ROLES if other != command)
     return [
         f'command = "{command}"{doubt}',
@@ -74,12 +71,7 @@ def _command_lines(command: Command, sure: bool) -> list[str]:
 
 
 def interpret_variables(file: str, variables: Mapping[str, Variable]) -> tuple[Command, RoleChoice, bool]:
-    """Choose the kind of command and the variables of an unmapped drive.
-
-    Args:
-        file: name of the drive in error messages.
-        variables: variables by their user-visible names.
-    """
+    """Choose command and variables of an unmapped drive; `file`: its name in error messages."""
     fitting: list[Command] = []
     for command in COMMAND_ROLES:
         with suppress(InputRefused):
@@ -97,7 +89,6 @@ def interpret_variables(file: str, variables: Mapping[str, Variable]) -> tuple[C
 
 
 def roles_text(variables: Mapping[str, Variable], found: RoleChoice, command: Command) -> str:
-    """Return the tables [inputs] and [outputs] of a proposed mapping.toml."""
     return "".join(_table(variables, found, drive_roles(command), side) for side in ("input", "output"))
 
 
@@ -115,10 +106,7 @@ def _table(variables: Mapping[str, Variable], found: RoleChoice, roles: Sequence
 
 
 def _doubtful_lines(variables: Mapping[str, Variable], found: RoleChoice, role: Role) -> list[str]:
-    """Return the lines of a mapping.toml for a role without a clear variable.
-
-    The only candidate is a line, several are comments; nothing for an optional role.
-    """
+    """Return a role's lines without a clear variable: the only candidate, several as comments, nothing if optional."""
     if not role.required:
         return []
     offered = candidates(variables, role, found.chosen.values())
@@ -133,7 +121,6 @@ def _line(role: Role, name: str, variable: Variable) -> str:
 
 
 def toml_string(name: str) -> str:
-    """Format a text as a TOML string."""
     return json.dumps(name, ensure_ascii=False)
 
 
@@ -157,13 +144,7 @@ def part_names(files: Iterable[Path]) -> list[str]:
 def parts_proposal(
     parts: Mapping[str, FmuDescription], folder: Path, connections: Sequence[KnownWire] | None = None
 ) -> tuple[str, bool]:
-    """Return (text of a mapping.toml for a drive of several FMUs, whether it is complete).
-
-    Args:
-        parts: part name -> FMU.
-        folder: folder of the mapping.toml.
-        connections: known connections; None to propose them.
-    """
+    """Return (mapping.toml for several FMUs, whether it is complete); `connections` None to propose them."""
     variables = {qualified_name(part, v.name): v for part, fmu in parts.items() for v in fmu.variables.values()}
     if connections is None:
         wires = [(join.target, join.source, "" if join.sure else "perhaps") for join in propose_wires(variables)]
@@ -230,10 +211,6 @@ def write_mapping(named: Sequence[str], start: Path) -> NewMapping:
     Args:
         named: FMUs, as accepted by `load_drive`, or one SSP.
         start: folder from which names are looked up.
-
-    Raises:
-        InputRefused: a file cannot be used, or a mapping exists already.
-        NotWritten: the folder or the disk refuses.
     """
     if any(name.endswith(".ssp") for name in named):
         if len(named) > 1:
@@ -275,7 +252,6 @@ def _from_system(file: Path) -> NewMapping:
 
 
 def _fmu_entries(package: Package) -> dict[str, str]:
-    """Return the archive entry of each FMU in an SSP, by part name."""
     found = package.structure.system.elements
     if not found or len(found) > MAX_PARTS:
         raise InputRefused(f"{package.file}: {len(found)} parts; expected 1 to {MAX_PARTS}")
@@ -313,10 +289,7 @@ def _write_fmu(fmu: Path, content: bytes) -> None:
 
 
 def _own_copy(fmu: Path) -> Path:
-    """Return the path of an FMU; for an FMU of an installation, the path of a copy in the current folder.
-
-    An installation must not be changed.
-    """
+    """Return the path of an FMU; for an FMU of an installation, the path of a copy in the current folder."""
     if not fmu.is_relative_to(WHEEL_FOLDER):
         return fmu
     copy = Path.cwd() / fmu.stem / fmu.name

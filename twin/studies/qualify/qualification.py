@@ -60,16 +60,12 @@ def lifecycle_findings(plan: DrivePlan, apart: bool) -> list[Finding]:
 
     Args:
         apart: whether each check has a process of its own, so that a crash of an FMU costs only that check.
-
-    Raises:
-        InputRefused: an FMU cannot be loaded or initialised.
     """
     names = (*CHECK_FUNCTIONS, WRITTEN_CHECK)
     return [_isolate_check(plan, name) if apart else _bookkeeping_check(name, plan) for name in names]
 
 
 def check_fields(reporter: Reporter, table: Drive, name: str) -> dict[str, str]:
-    """Run one check of a drive in a process of its own and return its fields."""
     return asdict(_bookkeeping_check(name, plan_drive(table)))
 
 
@@ -224,13 +220,7 @@ class BenchCurves:
 
 @dataclass(frozen=True)
 class Qualification:
-    """Judgement of a drive by all checks and measures.
-
-    Attributes:
-        checks, measures: all checks of `CHECK_MEANINGS` that could be made, and all measures of `MEASURE_DEFINITIONS`.
-        curves: curves behind the findings.
-        doubts: sentences on measures that suggest another unit of the load.
-    """
+    """Judgement of a drive by all checks and measures, and doubts on the load's unit, a sentence each."""
 
     plan: DrivePlan
     checks: tuple[Check, ...]
@@ -248,7 +238,6 @@ class Qualification:
         return next(measure.value for measure in self.measures if measure.name == name)
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert a drive's qualification to a dictionary for JSON, without the curves; SI units."""
         return {
             "drive": self.plan.label,
             **({"sha256": self.plan.system.sha256} if self.plan.system else {}),
@@ -315,11 +304,7 @@ def qualify_drive(table: Drive, apart: bool = False) -> Qualification:
 
 
 def _unit_doubts(done: Qualification) -> Iterator[str]:
-    """Yield sentences on implausible droop and stall torque, which suggest that a drive's load has another unit.
-
-    Raises:
-        ComponentFailed: the drive failed under a held load.
-    """
+    """Yield sentences on implausible droop and stall torque, which suggest that a drive's load has another unit."""
     load = next((b for b in done.plan.bindings if b.port.name == LOAD_ROLE.port.name), None)
     if load is None:
         return
@@ -339,10 +324,7 @@ def _unit_doubts(done: Qualification) -> Iterator[str]:
 
 
 class Attempts:
-    """Collector of a qualification's findings and failures.
-
-    A drive that fails in one run is still tried in the next.
-    """
+    """Collector of a qualification's findings and failures; a drive that fails in one run is tried in the next."""
 
     def __init__(self) -> None:
         self.findings: list[Finding] = []
@@ -362,7 +344,6 @@ class Attempts:
 
 
 def _qualification(plan: DrivePlan, attempts: Attempts, curves: BenchCurves) -> Qualification:
-    """Assemble a drive's qualification, with checks and measures in the order of their definitions."""
     roles = ", ".join(binding.port.name for binding in plan.bindings)
     axes = "; three axes commanded alike, the first measured" if plan.axes == 3 else ""
     failures = list(dict.fromkeys(attempts.failures))

@@ -50,9 +50,6 @@ def drive_info(
     Exit code: 0 it fits the drive contract, 2 it does not.
 
     Example: twin drive info pmsm_foc
-
-    Raises:
-        InputRefused: the FMU does not fit the drive contract.
     """
     from twin.robot.assembly.drives import fmus, plan_drive
     from twin.robot.drive.mapping import AmbiguousRoles
@@ -79,9 +76,6 @@ def drive_list() -> Answer:
     Exit code: 0 whether they fit or not, 2 fmus/ does not exist.
 
     Example: twin drive list
-
-    Raises:
-        InputRefused: fmus/ does not exist.
     """
     from twin.studies.qualify.drive_list import drives_text, listed_drives
 
@@ -105,9 +99,6 @@ def drive_new(
     Exit code: 0 written, 2 refused.
 
     Example: twin drive new fmus/stepper/stepper.fmu
-
-    Raises:
-        InputRefused, NotWritten: see `write_mapping`.
     """
     from twin.studies.qualify.proposal import write_mapping
 
@@ -141,9 +132,6 @@ def drive_check(
     an FMU crashed, hung or ended its process.
 
     Example: twin drive check velocity_servo
-
-    Raises:
-        InputRefused, ComponentFailed, NotWritten: see `qualify`.
     """
 
     from twin.robot.experiment.drive_files import load_drive
@@ -176,14 +164,8 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Result | 
     FMU does not fit the drive contract.
 
     Args:
-        fmu: drive, see `load_drive`, from the current folder.
-        out: folder of the picture.
         apart: see `qualify_drive`.
         sure: whether a check of more than an hour is confirmed.
-
-    Raises:
-        InputRefused, ComponentFailed: see `qualify_drive`.
-        NotWritten: the disk refuses.
     """
     from twin.kernel.atomic_write import make_folder
     from twin.robot.experiment.drive_files import load_drive
@@ -224,16 +206,6 @@ def compare_drives(
     """Run experiments with one drive after the other and compare their true signals, with a picture of each in `out`.
 
     Exit code 3: a run failed.
-
-    Args:
-        fmus: drives.
-        experiments: files or names of the experiments.
-        settings, body: see `trials`.
-        out: folder of the pictures.
-
-    Raises:
-        InputRefused: a drive does not fit; checked before any run.
-        NotWritten: the disk refuses.
     """
     from twin.kernel.atomic_write import make_folder
     from twin.robot.experiment.experiment_files import experiment_file
@@ -310,9 +282,6 @@ def component_check(
     3 it crashed, hung or ended its process.
 
     Example: twin component check controller fmus/parts/paper_law
-
-    Raises:
-        InputRefused, ComponentFailed: see `part_check`.
     """
     asked = {"role": role, "part": part, "experiment": experiment, "settings": settings}
     return run_isolated("twin.studies.qualify.part_check:part_check", asked, say, isolate)

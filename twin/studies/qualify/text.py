@@ -38,7 +38,6 @@ MEASURE_HEADS = {
     "hold_error": "hold", "hold_overshoot": "over", "hold_settling_time": "settle", "chatter": "chatter",
     "held_lateral_error": "lateral", "held_z_error": "z", "current": "peak I", "shaft_work": "work", "energy": "energy",
 }  # fmt: skip
-"""Titles of narrow columns, by the key of a measure of the run."""
 DRIVE_MEASURES = ("current", "shaft_work", "energy", "cost")
 PAIRED_COLUMNS = (Column("", 32, left=True), Column("difference", 44, left=True, gap=2))
 COMMAND_COLOR, SPEED_COLOR, LOAD_COLOR, MARK_COLOR = GREY, PAPER_BLUE, "#c2571a", INK
@@ -47,14 +46,6 @@ TIME_BEFORE, TIME_AFTER = 0.02, 0.25
 
 
 def qualification_result(facts: dict[str, Any], references: str, picture: Path, holds: bool) -> Result:
-    """Return the report of a drive's qualification: the verdict, then the evidence.
-
-    Args:
-        facts: dictionary of `Qualification.to_dict`, with additions.
-        references: result of the reference experiments shipped with the drive; "" without any.
-        picture: file of the picture.
-        holds: whether the reference results were reproduced.
-    """
     verdict = "QUALIFIED" if facts["qualified"] else "NOT QUALIFIED: " + ", ".join(facts["failed"])
     versions = " + ".join(fmu["standard"] for fmu in facts["fmus"])
     checks = [(check["verdict"], name, check["detail"]) for name, check in facts["checks"].items()]
@@ -75,11 +66,7 @@ def qualification_result(facts: dict[str, Any], references: str, picture: Path, 
 
 
 def measures_table(checked: Sequence[Mapping[str, Any]]) -> str:
-    """Return a Markdown table of several drives' measures, one line per drive.
-
-    Args:
-        checked: dictionaries of `Qualification.to_dict`.
-    """
+    """Return a Markdown table of several drives' measures, one line per drive."""
     measures = checked[0]["measures"].items()
     head = ["drive", *(f"{one['text']} ({_unit_in_table(one['unit'], name)})" for name, one in measures)]
     rows = []
@@ -182,7 +169,6 @@ def _shorten_name(name: str, most: int) -> str:
 
 
 def draw_drive_check(done: Qualification, path: Path) -> None:
-    """Draw a drive's qualification to `path` (PNG): step, load step, frequency response, overload."""
     verdict = "qualified" if not done.failed_checks else "NOT qualified: " + ", ".join(done.failed_checks)
     with picture(path, 11, 7, f"{done.plan.label}   {verdict}") as figure:
         (a, b), (c, d) = figure.subplots(2, 2)

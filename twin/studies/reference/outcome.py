@@ -96,7 +96,6 @@ class Series:
     """Signals over time, read from a CSV file with reference results or inputs.
 
     Attributes:
-        where: file name, for error messages.
         t: time (s), not descending, (rows,); a repeated time is a jump.
         signals: column name -> values, (rows,).
         others: names of columns that do not contain single numbers.
@@ -127,12 +126,7 @@ class Series:
 
 @dataclass(frozen=True)
 class TrialFiles:
-    """Contents of the files of a reference experiment shipped with an FMU.
-
-    Attributes:
-        parameters: parameter values in the FMU's own units.
-        stimuli, results: time series; None without such a file.
-    """
+    """Contents of a reference experiment: parameters in the FMU's units, series or None without a file."""
 
     parameters: dict[str, Value]
     stimuli: Series | None
@@ -141,23 +135,14 @@ class TrialFiles:
 
 @dataclass(frozen=True)
 class ReferenceFiles:
-    """The reference experiments shipped with an FMU.
-
-    Attributes:
-        unread: (name, reason) of listed experiments, parameters and results that are unsupported.
-        trials: supported experiments.
-    """
+    """Reference experiments of an FMU, and (name, reason) of unsupported experiments, parameters, results."""
 
     unread: tuple[tuple[str, str], ...]
     trials: tuple[Trial, ...]
 
 
 def reference_files(file: Path) -> ReferenceFiles:
-    """Find the reference experiments shipped with an FMU, without running or unpacking it.
-
-    Raises:
-        InputRefused: the archive or its manifest is invalid.
-    """
+    """Find the reference experiments shipped with an FMU, without running or unpacking it."""
     results, parameters, unread = [], "", []
     names = entries(file)
     for source, role, type_ in _manifest_entries(file, names):
@@ -210,11 +195,6 @@ def _cross_check_trials(file: Path) -> list[Trial]:
 
 
 def read_trial(file: Path, trial: Trial, description: FmuDescription) -> TrialFiles:
-    """Load the files of a reference experiment and check them against the FMU.
-
-    Raises:
-        InputRefused: a file cannot be read, or does not fit the FMU.
-    """
 
     def read(name: str) -> tuple[bytes, str]:
         if trial.inside:
@@ -227,11 +207,7 @@ def read_trial(file: Path, trial: Trial, description: FmuDescription) -> TrialFi
 
 
 def parameters_of(content: bytes, where: str, description: FmuDescription) -> dict[str, Value]:
-    """Parse the parameter values of a reference experiment (SSV), in the FMU's own units.
-
-    Raises:
-        InputRefused: a parameter is unknown, has an invalid value, or a unit different from the FMU's.
-    """
+    """Parse the parameter values of a reference experiment (SSV), in the FMU's own units."""
     given: dict[str, Value] = {}
     for one in parameter_set(content, where).parameters:
         known = description.variables.get(one.name)
@@ -247,12 +223,6 @@ def parameters_of(content: bytes, where: str, description: FmuDescription) -> di
 
 
 def series_of(content: bytes, where: str) -> Series:
-    """Parse signals over time from a CSV file's content.
-
-    Raises:
-        InputRefused: the content is not a table of numbers, a time is missing, invalid or descending, or a column mixes
-            numbers with other fields.
-    """
     numbers = BOOLEAN_FIELD.sub(lambda field: b"1" if field[0].lower() == b"true" else b"0", content)
     table = parse_table(Path(where), io.BytesIO(numbers))
     time = table.head[0]
@@ -285,7 +255,6 @@ class BareRun:
         t: time (s), (rows,).
         signals: variable name -> values in the FMU's own units, the first element of an array, (rows,).
         unknown: requested names that are not a single number of this FMU.
-        failure: error that ended the run early.
     """
 
     step: float
@@ -408,7 +377,6 @@ class SignalDeviation(NamedTuple):
 
 
 def deviations(run: BareRun, results: Series) -> list[SignalDeviation]:
-    """Compute the deviation of each signal of an FMU's run from the reference results."""
     within = results.t <= (1.0 + 1e-9) * run.t[-1]
     t = results.t[within]
     if not len(t):
@@ -430,13 +398,7 @@ def deviations(run: BareRun, results: Series) -> list[SignalDeviation]:
 
 @dataclass(frozen=True)
 class ReferenceOutcome:
-    """Outcome of a reference experiment of an FMU.
-
-    Attributes:
-        word: key of `OUTCOME_MEANINGS`.
-        detail: explanation, one sentence.
-        deviations: signal -> largest deviation, in multiples of the tolerance.
-    """
+    """Outcome of a reference experiment: key of `OUTCOME_MEANINGS`, deviations by signal in tolerances."""
 
     experiment: str
     word: str
@@ -458,7 +420,6 @@ class References:
         return not any(outcome.word in BAD_OUTCOMES for outcome in self.outcomes)
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert the outcomes of the reference experiments to a dictionary for JSON."""
         return {
             "file": self.file.name,
             "unread": dict(self.reference_files.unread),
@@ -468,14 +429,7 @@ class References:
 
 
 def references(file: Path, apart: bool, limits: JobLimits = JobLimits()) -> References | None:  # noqa: B008, it is frozen
-    """Run the reference experiments shipped with an FMU; None without any.
-
-    Args:
-        apart: whether each experiment has a process of its own, so that a crash costs only that experiment.
-
-    Raises:
-        InputRefused: the archive or its manifest is invalid.
-    """
+    """Run an FMU's reference experiments (None without any), `apart` in processes against crashes."""
     found = reference_files(file)
     if not (found.unread or found.trials):
         return None
@@ -487,7 +441,6 @@ def references(file: Path, apart: bool, limits: JobLimits = JobLimits()) -> Refe
 
 
 def outcome_fields(reporter: Reporter, file: str, number: int) -> dict[str, Any]:
-    """Run one reference experiment of an FMU in a process of its own and return the fields of its outcome."""
     trial = reference_files(Path(file)).trials[number]
     return asdict(outcome_of(Path(file), trial, lambda outcome: reporter.note(outcome=asdict(outcome))))
 
@@ -511,10 +464,7 @@ def _isolate_trial(file: Path, number: int, trial: Trial, limits: JobLimits) -> 
 def outcome_of(
     file: Path, trial: Trial, ended: Callable[[ReferenceOutcome], None] = lambda outcome: None
 ) -> ReferenceOutcome:
-    """Run one reference experiment of an FMU in this process and compare it with the reference results.
-
-    `ended` is called with the outcome before the FMU is freed, which crashes some FMUs.
-    """
+    """Run one reference experiment in this process and compare; `ended` gets the outcome before the FMU is freed."""
     outcomes: list[ReferenceOutcome] = []
 
     def judge(run: BareRun) -> None:
@@ -563,14 +513,7 @@ def _judge_run(name: str, run: BareRun, results: Series | None) -> ReferenceOutc
 
 
 def drive_references(table: Drive, apart: bool) -> list[References]:
-    """Run the reference experiments of each FMU of a drive, without the drive's mapping and parameters.
-
-    Args:
-        apart: see `references`.
-
-    Raises:
-        InputRefused: an archive or its manifest is invalid, or an FMU has another hash than its mapping pins.
-    """
+    """Run the reference experiments of each FMU of a drive, without the drive's mapping and parameters."""
     if table.sha256 or any(part.sha256 for part in table.parts.values()):
         # Check the pinned hashes before anything is run.
         plan_drive(table)
@@ -579,13 +522,11 @@ def drive_references(table: Drive, apart: bool) -> list[References]:
 
 
 def refusal_answer(came: Sequence[References], refusal: str) -> Answer:
-    """Return the answer for an FMU that is refused as a drive after its reference experiments ran."""
     facts = {"qualified": False, "refused": refusal, "references": [one.to_dict() for one in came]}
     return Answer(references_text(came), facts, 2)
 
 
 def references_text(found: Sequence[References]) -> str:
-    """List the reference experiments of each FMU of a drive with their outcomes, as text."""
     lines = []
     for one in found:
         lines += wrap_text(f"came with {one.file.name}:")

@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 SHORTEST_BLOCK = 1.0
-"""Minimum block length (s), two taps of a massage: forces of acceleration and viscous friction cancel over a motion
-that returns to its start."""
+"""Minimum block length (s), two taps: acceleration and viscous friction cancel over a motion that returns."""
 DECISION_FACTOR = 5.0
 """Threshold H by sigma."""
 
@@ -56,7 +55,6 @@ class Drift:
 
     @property
     def matches(self) -> bool:
-        """Whether the residual shows no changed mean, i.e. raised no alarm."""
         return bool(np.isnan(self.alarm))
 
     @property
@@ -66,7 +64,6 @@ class Drift:
 
     @property
     def threshold(self) -> float:
-        """Alarm threshold H of the cumulative sums."""
         return DECISION_FACTOR * self.sigma
 
 
@@ -103,8 +100,7 @@ def drift(
 
 
 def correlation_time(t: NDArray[np.float64], r: NDArray[np.float64]) -> float:
-    """Compute the correlation time (s) of a residual r (n,): the lag where its autocorrelation falls below 1/e; 0 for a
-    constant residual, at most the length of r."""
+    """Compute the lag (s) where the autocorrelation of r (n,) is below 1/e; 0 if constant, at most the length of r."""
     centred = r - np.mean(r)
     if len(r) < 3 or not np.any(centred):
         return 0.0
@@ -125,8 +121,7 @@ def _sum(steps: NDArray[np.float64]) -> NDArray[np.float64]:
 def _block_means(
     t: NDArray[np.float64], r: NDArray[np.float64], block: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute ends (s) and means of the complete blocks of a residual; blocks with under half the samples of the
-    fullest block are dropped."""
+    """Compute ends (s) and means of a residual's blocks with at least half the samples of the fullest."""
     if not len(t):
         return np.empty(0), np.empty(0)
     index = np.floor((t - t[0]) / block).astype(np.int64)

@@ -27,14 +27,7 @@ LOG_MEASURES = (*FORCE_KEYS, "hold_begin", "hold_end")
 
 
 def log_measures(log: RobotSamples, estimate: Outputs, source: Path | None, settings: tuple[str, ...]) -> Values:
-    """Compute the measures of a log's held force; without force or controller each measure is None, with the reason.
-
-    Args:
-        log: samples with the measured force.
-        estimate: outputs of the controller's estimator.
-        source: experiment of the robot; None for the recording's own.
-        settings: "table.key=value" texts for the experiment.
-    """
+    """Compute the measures of a held force (None with the reason); `source` None for the recorded experiment."""
     if log.force is None:
         return missing_measures("the log has no force")
     try:

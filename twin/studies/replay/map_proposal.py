@@ -52,12 +52,7 @@ class Proposal(NamedTuple):
 
 
 def propose(log: Path) -> Proposal:
-    """Propose a column map for a robot's CSV file, and write it as NAME.map.toml in the same folder.
-
-    Raises:
-        LogError: no CSV file, or the map exists.
-        NotWritten: the file cannot be written.
-    """
+    """Propose a column map for a robot's CSV file, and write it as NAME.map.toml in the same folder."""
     text, complete = proposal(read_table(log))
     path = log.with_suffix(".map.toml")
     if os.path.lexists(path):
@@ -98,7 +93,6 @@ def _time(table: CsvTable, numbers: Sequence[str]) -> list[str]:
 
 
 def _angles(table: CsvTable, numbers: Sequence[str]) -> Iterator[list[str]]:
-    """Propose map entries for the encoders of both sides of the springs."""
     triples = [one for one in triples_of(table, numbers) if one.counts or _dimension(one.unit) == ANGLE_DIMENSION]
     found = {side: [one for one in triples if one.words & set(words)] for side, words in SIDE_WORDS.items()}
     # if one of two triples is known, the other follows
@@ -123,7 +117,6 @@ def _angles(table: CsvTable, numbers: Sequence[str]) -> Iterator[list[str]]:
 
 
 def _force(table: CsvTable, numbers: Sequence[str]) -> list[str]:
-    """Propose the map entry for the measured force, pressing positive."""
     units = {name: split_unit(name)[1] for name in numbers}
     forces = [name for name in numbers if _dimension(units[name]) == FORCE]
     weights = [name for name in numbers if _dimension(units[name]) == MASS_DIMENSION]
@@ -174,8 +167,7 @@ def _dimension(unit: str) -> Dimension | None:
 
 
 def _line(signal: str, column: str, unit: str = "", sign: int = 1) -> str:
-    """Format an entry of a column map, `"scale.F_z" = { column = "Fz_N", unit = "N" }`; unit: "" if the column's name
-    contains it."""
+    """Format an entry of a column map; `unit` is "" if the column's name contains it."""
     name = signal if signal == TIME_SIGNAL else json.dumps(signal)
     unit = unit or split_unit(column)[1]
     rest = (f", unit = {json.dumps(unit)}" if unit else "") + (", sign = -1" if sign < 0 else "")

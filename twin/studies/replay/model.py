@@ -33,7 +33,6 @@ MODEL_TABLES = {name: DECLARED_TABLES.tables[name] for name in ("plant", "contac
 
 
 OWN_PARTS = ("estimator", "body")
-"""Parts that must be the twin's own."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,6 @@ class RobotModel:
     """Belief about one robot, SI: controller model, plant parameters and sensor resolution.
 
     Attributes:
-        name: name of the experiment.
         values: the used tables of the experiment, keys with units.
         belief, gravity_compensation: belief and setting of the controller's estimator.
         plant, substeps, motions, tick: parameters of the plant, motions of its surface, and its step (s).
@@ -65,31 +63,17 @@ class RobotModel:
 
 
 def load_model(path: Path, settings: Iterable[str] = ()) -> RobotModel:
-    """Load the believed robot of an experiment file, with `settings` as of `twin run --set`.
-
-    Raises:
-        InputRefused: all errors of the experiment.
-    """
     return model_of(load_experiment(path, settings))
 
 
 def model_of(experiment: Experiment) -> RobotModel:
-    """Extract the believed robot of an experiment.
-
-    Raises:
-        InputRefused: a part is third-party.
-    """
     refuse_third_party_parts(experiment, "a replay", OWN_PARTS)
     values = {name: experiment.values[name] for name in MODEL_TABLES if name in experiment.values}
     return _model(experiment.name, values, **{name: getattr(experiment, name) for name in MODEL_TABLES})
 
 
 def model_for(log: Path, experiment: Path | None, settings: Sequence[str] = ()) -> RobotModel:
-    """Load the believed robot for a log file: from `experiment`, or else from the recording's own experiment.
-
-    Raises:
-        InputRefused: no experiment for a log of a robot, or as `load_model` and `recorded_model`.
-    """
+    """Load the believed robot for a log file: from `experiment`, or else from the recording's own experiment."""
     if experiment is not None:
         return load_model(experiment, settings)
     if is_recording(log):
@@ -101,13 +85,9 @@ def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, setti
     """Extract the believed robot from the experiment in a recording's metadata.
 
     Args:
-        metadata: metadata of the recording.
         where: path of the recording, for error messages.
         settings: "table.key=value" texts. [plant] and [controller.model] are expanded in a recording, so that settings
             of [robot] would have no effect; they are refused, like settings of unused tables.
-
-    Raises:
-        InputRefused: no experiment in the recording, or an invalid setting.
     """
     name, values = recorded_name(metadata, where), recorded_values(DECLARED_TABLES, metadata, where)
     if not values:

@@ -36,10 +36,8 @@ ENCODER_PORTS = (
 FORCE_RESIDUAL = (Port("F_z", 1, "N", "pressing force less the measured one"),)
 JOINT_RESIDUAL = (Port("theta_l", 3, "rad", "joint angles of the plant model less those of the log"),)
 SETTLING_TIME = 1.0
-"""Simulated time before each start, with the motors at the first sample's angles (s): 20 time constants of the springs'
-oscillation with the robot's joint friction, 5 with a quarter of it."""
+"""Settling time before each start (s): 20 time constants of the springs with the joint friction, 5 with a quarter."""
 RESTART_TEXT = "the plant model starts anew, at rest"
-"""Text of the event of a restart after a gap."""
 
 Rows = dict[str, NDArray[np.float64]]
 """Rows by topic, (n, width); an all-NaN row is missing."""
@@ -53,12 +51,7 @@ class Happening(NamedTuple):
 
 
 class Part(Protocol):
-    """Interface of a twin's part, which turns samples into output rows.
-
-    Attributes:
-        topics: ports of its topics.
-        happenings: events since they were last cleared.
-    """
+    """Interface of a part that turns samples into rows: ports by topic, events since they were last cleared."""
 
     topics: dict[str, tuple[Port, ...]]
     happenings: list[Happening]
@@ -104,16 +97,7 @@ class SampledSteps:
 
 
 class Estimates:
-    """Estimates of position and force from the encoder counts, with the controller's belief, and with the plant's dead
-    zone if the belief lacks it.
-
-    Args:
-        model: belief about the robot.
-        check: check of angles and force by the column map.
-
-    Raises:
-        LogError: (by `feed`) the first counts are not of this robot.
-    """
+    """Estimates from the counts with the controller's belief, and with the plant's dead zone if it lacks one."""
 
     def __init__(self, model: RobotModel, check: MapCheck):
         self._check = check
@@ -155,19 +139,11 @@ def best_estimate(rows: Rows) -> dict[str, NDArray[np.float64]]:
 
 
 def pressing(outputs: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Extract the pressing force F_z (n,), N, from the outputs of an estimator or a plant."""
     return -outputs["F_ee_B"][:, 2]
 
 
 class PlantRun:
-    """Simulation of the plant model driven by motor angles, in slices, from rest.
-
-    It settles before the first sample.
-
-    Args:
-        model: belief about the robot.
-        p_B: position of the robot at the first sample (3,), m.
-    """
+    """Simulation of the plant by motor angles, in slices, settled at `p_B` (3,), m, of the first sample."""
 
     def __init__(self, model: RobotModel, p_B: NDArray[np.float64]):
         self._model, self._p_B = model, p_B
@@ -219,11 +195,7 @@ class PlantModel:
     workspace. A start discards stiction.
 
     Args:
-        model: belief about the robot.
         restarts: whether it restarts outside the workspace; else `feed` raises `ComponentFailed`.
-
-    Attributes:
-        starts: times of the starts (s).
     """
 
     def __init__(self, model: RobotModel, restarts: bool = True):

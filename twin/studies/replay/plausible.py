@@ -35,8 +35,7 @@ MIN_DEFLECTION_RANGE = 0.1
 MIN_IMPROVEMENT = 4.0
 """Minimum factor between that range and the range with a proposed map."""
 OPPOSITE_CORRELATION, MIN_FORCE_RANGE = -0.8, 1.0
-"""Correlation of measured and estimated force below which the measured one has the opposite sign, and minimum range of
-the measured force (N) for this test."""
+"""Correlation of measured and estimated force below which signs differ, and the range (N) needed for this test."""
 
 
 class MapCheck:
@@ -62,10 +61,7 @@ class MapCheck:
         self._sums, self._least, self._most = np.zeros((3, 3)), np.inf, -np.inf
 
     def check_first(self, count_m: NDArray[np.float64], count_l: NDArray[np.float64], failed: bool) -> str:
-        """Check the first counts (3,) of motors and joints. Return an error message if they are implausible, or "".
-
-        A recording of twin is checked only if the estimator `failed` on them.
-        """
+        """Return an error message if the first counts (3,) are implausible, in twin's own runs if `failed`; else ""."""
         if not (failed or self._columns):
             return ""
         belief = self._belief
@@ -204,7 +200,6 @@ class MapCheck:
 
 
 def _factor(way: str) -> float:
-    """Return the factor of the angles for a correction of the column map."""
     sign, unit = MAP_CORRECTIONS[way]
     return sign * (np.pi / 180.0 if unit else 1.0)
 

@@ -39,11 +39,6 @@ class Track(NamedTuple):
 
 
 def record(replay: Replay, path: Path) -> Path:
-    """Write a replay to a recording at `path`, and return the path.
-
-    Raises:
-        RecordingFailed: the file cannot be written.
-    """
     tracks = _tracks(replay)
     with Writer(path, [track.topic for track in tracks], NANOSECOND_TICK, _metadata(replay)) as writer:
         # only spans with rows, since gaps may last hours

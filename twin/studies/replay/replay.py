@@ -28,14 +28,7 @@ Outputs = dict[str, NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Indicator:
-    """Residual of a replay that is tested for a changed mean.
-
-    Attributes:
-        name: `force`, or `joint 1` .. `joint 3`.
-        unit: `N` or `rad`.
-        t, r: times (n,), s, and values (n,) of the residual.
-        drift: result of the test.
-    """
+    """Residual tested for a changed mean: `force` (N) or `joint 1` .. `joint 3` (rad), t (n,) in s, r (n,)."""
 
     name: str
     unit: str
@@ -43,13 +36,18 @@ class Indicator:
     r: NDArray[np.float64]
     drift: Drift
 
+    JSON_KEYS = (
+        "name unit matches=drift.matches since_s=drift.since alarm_s=drift.alarm size=drift.size "
+        "baseline=drift.baseline sigma=drift.sigma tolerance=drift.tolerance slack=drift.slack "
+        "threshold=drift.threshold block_s=drift.block"
+    )
+
 
 @dataclass(frozen=True)
 class Replay:
     """Result of a replay of a log, SI.
 
     Attributes:
-        model, log: belief about the robot, and its samples.
         estimator: outputs of the controller's estimator at the samples, by port.
         twin: outputs with the plant's dead zone; identical to `estimator` if the belief has the dead zone.
         plant: outputs of the plant model; None if it was not simulated.
@@ -71,7 +69,6 @@ class Replay:
 
     @property
     def statistics(self) -> dict[str, Statistics]:
-        """Statistics of the force residuals, by force."""
         return {name: statistics(one) for name, one in self.forces.items()}
 
     @property
@@ -82,12 +79,7 @@ class Replay:
 
 
 def normal_time(text: str) -> tuple[float, float]:
-    """Parse the time of normal operation in a log, the baseline, into (from, to), s after the first sample: `2` is 0 to
-    2, `1:3` is 1 to 3.
-
-    Raises:
-        InputRefused: an invalid text.
-    """
+    """Parse the baseline of a log into (from, to), s after the first sample: `2` is 0 to 2, `1:3` is 1 to 3."""
     first, colon, last = text.rpartition(":")
     try:
         begin, end = float(first) if colon else 0.0, float(last)
@@ -111,16 +103,10 @@ def replay_log(
     changes by twice the dead zone's torque when a spring changes its side, also on a healthy robot.
 
     Args:
-        log: log of a robot or a run.
-        model: belief about the robot.
         plant: whether to simulate the plant model, too.
         baseline: (from, to) after the first sample (s), the reference, best in free air; earlier samples are not
             judged.
         tolerance: accepted change of the mean force residual (N); None for the effect of rounding.
-
-    Raises:
-        InputRefused: no log of a robot, or too short for the baseline.
-        ComponentFailed: the plant model left the workspace.
     """
     robot = robot_samples(log, model.belief)
     _refuse_lengths(robot, baseline, tolerance)
@@ -158,11 +144,7 @@ def replay_log(
 
 
 def estimates(robot: RobotSamples, model: RobotModel) -> Rows:
-    """Estimate position and force over a whole log, as rows of the topics `estimator` and `twin`; see `Estimates`.
-
-    Raises:
-        LogError: the first sample fits no pose, or the columns are not the signals of the map.
-    """
+    """Estimate position and force over a whole log, as rows of the topics `estimator` and `twin`; see `Estimates`."""
     check = MapCheck(str(robot.path), model.belief, robot.columns)
     rows = Estimates(model, check).feed(robot, {})
     if check.map_error:

@@ -25,12 +25,7 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Residual:
-    """Residual over time, the difference `value - measured` of two series of one quantity.
-
-    Attributes:
-        t: times of the measurements with a value (n,), s.
-        value, measured: values and measurements (n,), in the same unit.
-    """
+    """Residual `value - measured` of two series of one quantity, in its unit, at times `t` (n,), s."""
 
     t: NDArray[np.float64]
     value: NDArray[np.float64]
@@ -73,7 +68,6 @@ def residual(
 
     Args:
         t: times of the values (n,), s, ascending.
-        values: values (n,).
         gaps: intervals without values (k, 2), s.
         t_measured, measured: times and values of the measurement (m,).
     """
@@ -100,8 +94,7 @@ def statistics(residual: Residual) -> Statistics:
 
 
 def _lag(residual: Residual) -> float:
-    """Estimate the lag (s) between value and measurement by the least spread of their difference; NaN if the log is
-    mostly gaps."""
+    """Estimate the lag (s) of value and measurement by the least spread of their difference; NaN if mostly gaps."""
     period = max(float(np.median(np.diff(residual.t))), MIN_LAG_STEP)
     if np.ptp(residual.t) > MAX_LAG_PERIODS * period:
         return np.nan
@@ -136,7 +129,6 @@ def force_rounding(belief: Belief, J: NDArray[np.float64], resolution: float) ->
     F_z = -e_z J^T tau_l with tau_l = k_s N eta (theta_m - N theta_l), Eq. 19 to 21.
 
     Args:
-        belief: belief of the estimator.
         J: Jacobians (n, 9), rad/m, row by row.
         resolution: resolution of the measurement (N).
     """
@@ -148,8 +140,7 @@ def force_rounding(belief: Belief, J: NDArray[np.float64], resolution: float) ->
 
 
 def angle_rounding(belief: Belief) -> Rounding:
-    """Compute the effect of rounding on a joint angle of the plant model less the log's (rad): a free link follows its
-    motor, theta_m / N."""
+    """Compute the effect of rounding on plant less log angles (rad): a free link follows its motor, theta_m / N."""
     motor, joint = _counts(belief)
     return Rounding((motor / belief.N + joint) / 2.0, float(np.hypot(motor / belief.N, joint) / np.sqrt(12.0)))
 

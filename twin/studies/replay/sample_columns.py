@@ -11,6 +11,5 @@ INPUTS = (
 )
 """Signals of a sample, in the order of its columns."""
 COUNT_M, COUNT_L, OMEGA_REF, F_Z, TAU = (port_slices(INPUTS)[port.name] for port in INPUTS)
-"""Columns of a sample."""
 ENCODERS = slice(COUNT_M.start, COUNT_L.stop)
 """Columns of the six encoder counts, which each sample must have."""

@@ -30,7 +30,6 @@ from twin.studies.replay.sample_columns import ENCODERS, F_Z, INPUTS, OMEGA_REF
 MAX_LOG_TIME = 1e8
 """Maximum time of a log (s), three years."""
 MAX_LISTED_NAMES = 12
-"""Maximum number of names listed in an error message."""
 
 
 @dataclass(frozen=True)
@@ -87,13 +86,7 @@ class RobotSamples:
 
 
 def samples_of(run: RunView) -> RobotSamples:
-    """Extract a robot's samples from a run: counts, commands, torques and force as its computer receives them.
-
-    With faulty encoders the counts are the received ones. A measured force appears only at its own times.
-
-    Raises:
-        InputRefused: the run has no counts.
-    """
+    """Extract samples from a run as the computer receives them, faults included; a force only at its own times."""
     has = run.fields()
     if "encoder.count_m" not in has or "encoder.count_l" not in has:
         raise InputRefused("no encoder.count_m and encoder.count_l: a shadow needs the counts of all six encoders")
@@ -120,14 +113,6 @@ def robot_samples(log: Log, belief: Belief) -> RobotSamples:
     instead. In a recording with faulty encoders, the received counts are used: the counts of the last /fault/n that has
     any. Measured force: `scale.F_z` (N), pressing positive. Encoders are joined to rows by `join_rows`; times without
     all six are left out.
-
-    Args:
-        log: log of `read_log`.
-        belief: converts angles to counts.
-
-    Raises:
-        LogError: no encoders, other units, motor and joint encoders at different times, times before 0, or a share of
-            invalid samples above `MAX_INVALID_SHARE`.
     """
     sides = [_counts_in(log, name, belief) for name in ANGLE_OF_COUNT]
     counts = join_rows(sides)
@@ -160,18 +145,14 @@ def robot_samples(log: Log, belief: Belief) -> RobotSamples:
 
 
 def hold_until_sampled(samples: RobotSamples, column: int, t: NDArray[np.float64], values: NDArray[np.float64]) -> None:
-    """Write `values` (m,) of times `t` (m,), s, into a column of the samples, at the first sample not before each.
-
-    The newest of several values for one sample is written.
-    """
+    """Write `values` (m,) of times `t` (m,), s, into a column, at the next sample, the newest of several."""
     at = np.searchsorted(samples.t, t)
     there = at < len(samples.t)
     samples.u[at[there], column] = values[there]
 
 
 def _received(name: str, keys: Iterable[str]) -> str:
-    """Return the name of the received counts in a recording: the counts of the last encoder fault, else of the encoder
-    itself."""
+    """Return the name of the received counts in a recording: those of the last encoder fault, else of the encoder."""
     faults = [int(m[1]) for key in keys if (m := re.fullmatch(rf"fault/(\d+)\.{name}(\[0\])?", key))]
     return f"fault/{max(faults)}.{name}" if faults else f"encoder.{name}"
 

@@ -58,10 +58,6 @@ def replay(
     and twin diverge, 2 input refused, 3 the plant model left the workspace.
 
     Example: twin replay results/fig4_force_position --plant
-
-    Raises:
-        InputRefused: log, map, experiment or folder cannot be used.
-        ComponentFailed: the plant model left the workspace.
     """
     from datetime import datetime
 

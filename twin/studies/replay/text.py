@@ -50,14 +50,7 @@ def verdict(replay: Replay) -> ReplayVerdict:
 
 
 def replay_result(replay: Replay, held: Values, name: str, files: dict[str, str], following: str) -> Result:
-    """Create the report of a replay.
-
-    Args:
-        held: measures of the log's force.
-        name: name of the log.
-        files: kind -> path.
-        following: command to run next, or "".
-    """
+    """Create the report of a replay; `files`: kind -> path; `following`: command to run next, or ""."""
     forces: list[Block] = [_table(replay), ""] if replay.forces else []
     parts = [*_reasons(replay), "", *forces, note("held", measures_text(held)), *_samples(replay)]
     shown = {**files, **({"next": following} if following else {})}
@@ -132,8 +125,7 @@ def _samples(replay: Replay) -> list[Block]:
 
 
 def next_command(replay: Replay, log: str) -> list[str]:
-    """Return the arguments of the command to run next on a log: it finds the changed part, or, without a measured
-    force, the change; empty if the replay had the plant model already."""
+    """Return the command to run next on a log to find the changed part, or the change; empty after the plant model."""
     if replay.log.force is not None:
         return ["twin", "identify", log]
     return [] if replay.plant else ["twin", "replay", log, "--plant"]
@@ -152,25 +144,13 @@ def replay_facts(replay: Replay, held: Values) -> dict[str, object]:
         "missing": log.sampling.missing,
         "gaps_s": log.sampling.gaps.tolist(),
         "force_N": {name: to_dict(one) for name, one in replay.statistics.items()},
-        "indicators": [_indicator_facts(one) for one in replay.indicators],
+        "indicators": to_dict(replay.indicators),
         "measures": with_units(held),
         "notes": list(log.notes),
     }
 
 
-def _indicator_facts(one: Indicator) -> dict[str, object]:
-    d = one.drift
-    return to_dict(
-        {
-            "name": one.name, "unit": one.unit, "matches": d.matches, "since_s": d.since, "alarm_s": d.alarm,
-            "size": d.size, "baseline": d.baseline, "sigma": d.sigma, "tolerance": d.tolerance, "slack": d.slack,
-            "threshold": d.threshold, "block_s": d.block,
-        }
-    )  # fmt: skip
-
-
 def draw_replay(replay: Replay, name: str, path: Path) -> None:
-    """Draw the results of a replay to `path` (PNG)."""
     force = [one for one in replay.indicators if one.unit == "N"]
     joints = [one for one in replay.indicators if one.unit == "rad"]
     panels = 1 + bool(force) + bool(joints) + bool(replay.indicators)

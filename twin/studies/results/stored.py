@@ -39,7 +39,6 @@ MAX_VALUE_LENGTH = 40
 """Maximum length of a value in the text (characters); a list of waypoints does not fit in a line."""
 DETAIL_INDENT = " " * 6
 MAX_LISTED_FILES = 10
-"""Maximum number of unremoved files shown in the text."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +46,6 @@ class StoredRun:
     """A stored run: its folder in results/, named by experiment and time, or by the user.
 
     Attributes:
-        folder: folder of the run.
-        recording: recording in the folder, finished or not.
         latest: whether the link results/EXPERIMENT/latest points to this run.
         is_top_level: whether the folder is directly in results/, where only users create runs.
     """
@@ -110,12 +107,10 @@ class StoredRun:
 
     @property
     def words(self) -> list[str]:
-        """Arguments of `twin run` that repeat the run."""
         return repeating_words(self.summary, self.experiment, self.start_options)
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """Content of the run's summary file; empty if it cannot be read."""
         try:
             found = read_json(self.folder / SUMMARY_FILE)
         except InputRefused:
@@ -129,7 +124,6 @@ class StoredRun:
 
     @property
     def other_files(self) -> list[Path]:
-        """Files in the run's folder that twin did not write."""
         return sorted(set(self._files).difference(self.own_files))
 
     @cached_property
@@ -144,11 +138,7 @@ class StoredRun:
         return found
 
     def remove(self) -> int:
-        """Remove the run's files written by twin, and its folder if it is then empty; return the removed size (bytes).
-
-        Raises:
-            OSError: the disk refuses.
-        """
+        """Remove the run's files and its folder if it is then empty; return the removed size (bytes)."""
         size = 0
         for path in self.own_files:
             size += path.lstat().st_size
@@ -253,10 +243,7 @@ class CurrentExperiments:
 
 
 def describe_differences(run: StoredRun, now: CurrentExperiments) -> tuple[dict[str, tuple[str, str]], str]:
-    """Return a stored run's differences from its experiment's current file, or why they cannot be listed.
-
-    The other of the two is empty.
-    """
+    """Return a run's differences from its experiment's current file, or else why they cannot be listed."""
     if "system" in run.metadata:
         return {}, "a system of FMUs, without an experiment"
     if "experiment" not in run.metadata:
@@ -300,7 +287,6 @@ def run_lines(run: StoredRun) -> list[str]:
 
 
 def verdict(run: StoredRun) -> str:
-    """Return the result of a stored run in a few words."""
     if not run.is_finished:
         return f"not finished: ends at {run.end_time:.3g} s"
     words = []
@@ -345,7 +331,6 @@ def difference_lines(differences: Differences, why: str) -> list[str]:
 
 
 def size_text(size: float) -> str:
-    """Format a number of bytes: `7.0 MB`."""
     for unit in ("B", "kB", "MB", "GB"):
         if size < 1000.0 or unit == "GB":
             return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
@@ -360,11 +345,7 @@ def _events(summary: Mapping[str, Any]) -> list[tuple[Any, Any, Any]]:
 
 
 def list_runs(results: Path, experiments: Sequence[str], say: Say) -> Answer:
-    """Return the list of stored runs, with their differences from the current experiment files.
-
-    Args:
-        experiments: experiments whose runs are listed; empty for all, and other folders in `results`.
-    """
+    """Return the list of stored runs and their differences; all, with other folders, if `experiments` is empty."""
     runs, now = stored_runs(results, experiments), CurrentExperiments()
     found = []
     steps = Steps(say, len(runs))
@@ -396,12 +377,7 @@ def list_runs(results: Path, experiments: Sequence[str], say: Say) -> Answer:
 
 
 def removable_runs(results: Path, experiments: Sequence[str], keep: int) -> list[StoredRun]:
-    """Return the stored runs that may be removed: of each experiment all but the newest `keep`.
-
-    The run linked as `latest` is kept, too.
-
-    Runs with user-chosen names are never removable, and do not count.
-    """
+    """Return the runs that may be removed: all but `latest`, user-named ones and each experiment's newest `keep`."""
     seen: dict[str, int] = {}
     doomed = []
     for run in stored_runs(results, experiments):
@@ -414,7 +390,6 @@ def removable_runs(results: Path, experiments: Sequence[str], keep: int) -> list
 
 
 def removal_text(doomed: Sequence[StoredRun]) -> str:
-    """List the stored runs to be removed as text, for confirmation."""
     lines = [f"{count_text(len(doomed), 'run')}, {size_text(sum(run.size for run in doomed))}, would go:"]
     for experiment, runs in groupby(doomed, lambda run: run.experiment):
         lines += [experiment, *(line for run in runs for line in run_lines(run))]
@@ -422,7 +397,6 @@ def removal_text(doomed: Sequence[StoredRun]) -> str:
 
 
 def remove_runs(doomed: Sequence[StoredRun]) -> str:
-    """Remove the folders of stored runs and return a sentence on the result."""
     size = 0
     others = sum(len(run.other_files) for run in doomed)
     for run in doomed:

@@ -20,8 +20,7 @@ FONT_SIZE = 10.0
 
 
 def draw_argument(table: SafetyTable, lines: Sequence[HazardLine], path: Path) -> None:
-    """Draw the safety argument of a hazard table to `path`: its goal, a goal for each line, and the runs behind
-    each."""
+    """Draw the safety argument to `path`: its goal, a goal for each line, and the runs behind each."""
     from matplotlib.patches import Circle, FancyBboxPatch, Polygon, Rectangle
 
     rows = -(-len(lines) // BOXES_PER_ROW)

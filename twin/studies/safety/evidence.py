@@ -11,6 +11,7 @@ from typing import Any, Literal
 from scipy.stats import binomtest
 
 from twin.kernel.errors import TwinError
+from twin.kernel.serialise import to_dict
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.together import fault_values
 from twin.studies.faults.cases import faults_of, with_share
@@ -34,15 +35,10 @@ class EvidenceRun:
     """Run behind a hazard line, with its reactions with the monitor and without.
 
     Attributes:
-        cause: cause of the hazard, as text.
         body, settings: body of the stage, and its `key=value`.
-        tables: [[fault]] tables.
-        seed: seed of the experiment.
         watched: reaction with the monitor; None if the run failed.
         unwatched: reaction without the monitor; None if that run was not made.
         ideal: reaction of an ideal monitor, which cuts all power at the trip; None without a trip, or if not made.
-        found: origin of the run.
-        failure: error message of a run that failed; "".
     """
 
     cause: str
@@ -56,6 +52,11 @@ class EvidenceRun:
     found: Origin = "grid"
     failure: str = ""
 
+    JSON_KEYS = (
+        "id cause body settings fault=tables seed found failure with_monitor=watched without_monitor=unwatched "
+        "with_ideal_monitor=ideal"
+    )
+
     @property
     def id(self) -> str:
         """Short id of a run: the first digits of the SHA-256 of body, settings, faults and seed."""
@@ -63,26 +64,9 @@ class EvidenceRun:
         return hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()[:12]
 
     def command(self, experiment: str) -> str:
-        """Return the shell command that repeats the run."""
         tables = ", ".join("{" + ", ".join(f"{k}={_toml(v)}" for k, v in one.items()) + "}" for one in self.tables)
         words = [f"twin run {experiment}", f"--body {self.body}", *(f"--set '{text}'" for text in self.settings)]
         return " ".join([*words, f"--set 'fault=[{tables}]'"])
-
-    def to_dict(self) -> dict[str, Any]:
-        """Convert the run behind a hazard line to JSON."""
-        return {
-            "id": self.id,
-            "cause": self.cause,
-            "body": self.body,
-            "settings": list(self.settings),
-            "fault": list(self.tables),
-            "seed": self.seed,
-            "found": self.found,
-            "failure": self.failure,
-            "with_monitor": self.watched and self.watched.to_dict(),
-            "without_monitor": self.unwatched and self.unwatched.to_dict(),
-            "with_ideal_monitor": self.ideal and self.ideal.to_dict(),
-        }
 
 
 def _toml(value: Any) -> str:
@@ -98,7 +82,6 @@ class HazardLine:
         runs: all runs: the grid of causes, then the search for a worse case, then random draws.
         distances: distance of the healthy robot from violating a requirement (SI), negative if violated; the key names
             formula, body and offset.
-        head_area: area of the head (m2).
         variants: name of other hardware -> (peak force, force at the end) (N) of the line's worst run repeated with it;
             None if that run fails.
     """
@@ -150,7 +133,6 @@ class HazardLine:
 
     @property
     def search_count(self) -> int:
-        """Number of runs made by the search for a worse case."""
         return len(self._runs_of("search"))
 
     def _runs_of(self, origin: Origin) -> list[EvidenceRun]:
@@ -168,8 +150,7 @@ class HazardLine:
 
     @property
     def dangerous_count(self) -> tuple[int, int]:
-        """Effect of the monitor on the dangerous random draws, which exceed the limit or fail without it: (draws below
-        the limit with the monitor, dangerous draws)."""
+        """Count (draws below the limit with the monitor, random draws that exceed the limit or fail without it)."""
         bad = [
             run
             for run in self._runs_of("draw")
@@ -178,7 +159,6 @@ class HazardLine:
         return sum(bool(run.watched and self.limited_value(run.watched) <= self.hazard.limit) for run in bad), len(bad)
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert the hazard line to JSON, which `--against` compares."""
         worst = self.worst
         seen, made = self.grid_detection
         return {
@@ -198,7 +178,7 @@ class HazardLine:
             "dangerous": _share_to_dict(self.dangerous_count),
             "distances": self.distances,
             "variants": self.variants,
-            "evidence": [run.to_dict() for run in self.runs],
+            "evidence": to_dict(self.runs),
         }
 
 
@@ -219,13 +199,7 @@ def _share_to_dict(share: tuple[int, int]) -> dict[str, Any] | None:
 def run_of(
     stage: Stage, cause: Cause, tables: Sequence[dict[str, Any]], found: Origin = "grid", delay: float = 0.0
 ) -> EvidenceRun:
-    """Run a cause of a hazard with the monitor, and a random draw also without; a refused or failed run is kept as a
-    failed run.
-
-    Args:
-        tables: [[fault]] tables.
-        delay: delay of the second fault of an ordered cause after the trip of the first (s).
-    """
+    """Run a cause with the monitor, a random draw also without; a refused or failed run is kept as failed."""
     one = EvidenceRun(str(cause), stage.body, stage.settings, tuple(tables), stage.experiment.seed, None, found=found)
     try:
         if cause.ordered:
@@ -248,7 +222,6 @@ def tables_of(cause: Cause, sizes: Sequence[float | None], onset: float, seed: i
 
 
 def add_reference_runs(stage: Stage, run: EvidenceRun) -> EvidenceRun:
-    """Add the reactions without the monitor and with an ideal one to `run`, and return it."""
     faults = faults_of(stage.experiment, run.tables)
     seen = None if run.watched is None else run.watched.seen
     ideal = None if seen is None else stage.ideal_reaction(faults, seen)
@@ -258,8 +231,7 @@ def add_reference_runs(stage: Stage, run: EvidenceRun) -> EvidenceRun:
 def variant_peaks(
     line: HazardLine, table_: SafetyTable, path: Path, stage: Stage | None
 ) -> dict[str, tuple[float, float] | None]:
-    """Repeat the worst run of `line` with each variant of the hardware, and return (peak, left) in N by variant; None
-    if it fails."""
+    """Return (peak, left) in N of the line's worst run by variant of the hardware; None if that run fails."""
     worst = line.worst
     if worst is None or stage is None:
         return {}

@@ -20,7 +20,6 @@ from twin.robot.experiment.mistakes import check_table, numbered_tables
 from twin.robot.experiment.source import read_source
 
 LIMIT_KINDS = {"limit_N": "peak force", "limit_kPa": "pressure over the head", "limit_s": "time above 10 N"}
-"""Limited quantity of each key of a limit."""
 PAIR_SEPARATOR, ORDER_SEPARATOR = " + ", ", then "
 """Separators of fault kinds: of faults that begin together, and of a second fault after the trip of the first."""
 ASSUMED_PREFIX = "assumed"
@@ -124,11 +123,9 @@ class Hazard:
     """Hazard, a line of the hazard table.
 
     Attributes:
-        table: texts of the line.
         causes: at least one cause.
         limit_key: key of `LIMIT_KINDS`; "" if all causes are requirements.
         limit: limit in the unit of its key.
-        evidence: bodies, places and number of the runs.
     """
 
     table: HazardTable
@@ -146,14 +143,7 @@ class Hazard:
 
 @dataclass(frozen=True)
 class SafetyTable:
-    """Hazard table, as read from its file and checked.
-
-    Attributes:
-        path: path of the file.
-        head: top-level keys.
-        hazards, thresholds, variants: tables in the order of the file.
-        sensitivity: None without [sensitivity].
-    """
+    """Checked hazard table of a file, its tables in order; `sensitivity` is None without [sensitivity]."""
 
     path: Path
     head: HazardFile
@@ -164,11 +154,6 @@ class SafetyTable:
 
 
 def read_hazards(path: Path) -> SafetyTable:
-    """Read and check the hazard table of a file.
-
-    Raises:
-        InputRefused: the file is missing or invalid; the message lists all errors.
-    """
     values = dict(read_source(path).values)
     mistakes: list[str] = []
     tables = {key: values.pop(key, ()) for key in ("hazard", "threshold", "variant")}
@@ -280,12 +265,7 @@ def _cause(name: str, one: Any, mistakes: list[str]) -> Cause | None:
 
 
 def magnitudes_of(cause: Cause, signs: Mapping[str, Sequence[float]]) -> list[tuple[float | None, ...]]:
-    """List the combinations of magnitudes to run, with one magnitude per fault of `cause`: all of a single fault, the
-    largest of several.
-
-    Args:
-        signs: signs of the magnitudes to try, by kind.
-    """
+    """List the magnitudes to run, one per fault: all of a single fault, the largest of several; `signs` by kind."""
     each: list[list[float | None]] = []
     for kind, _ in cause.faults:
         known = FAULT_KINDS[kind].magnitudes

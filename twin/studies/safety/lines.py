@@ -42,13 +42,7 @@ MAX_REDRAWS = 20
 def line_of(
     hazard: Hazard, stages: Stages, head_area: float, say: Callable[[str], None]
 ) -> tuple[HazardLine, Stage | None]:
-    """Make all runs of a hazard. Return its line, and the stage of its worst run (None without runs).
-
-    Args:
-        stages: loads the stage of a body and an offset.
-        head_area: area of the head (m2).
-        say: called before each stage with the hazard.
-    """
+    """Make all runs of a hazard. Return its line, and the stage of its worst run (None without runs)."""
     made: list[tuple[EvidenceRun, Stage | None]] = []
     distances: dict[str, float] = {}
     causes: dict[int, Cause] = {}
@@ -87,8 +81,7 @@ def line_of(
 
 
 def _cases(hazard: Hazard, stage: Stage) -> Iterator[tuple[Cause, tuple[float | None, ...], float, float]]:
-    """Yield cause, magnitudes, onset and delay (s) of each run in a hazard's grid; the delay is 0 unless the cause is
-    ordered."""
+    """Yield cause, magnitudes, onset and delay (s) of each run in the grid; the delay is 0 unless ordered."""
     for cause in hazard.causes:
         if cause.faults:
             signs = {kind: directions(kind) for kind, _ in cause.faults}
@@ -98,8 +91,7 @@ def _cases(hazard: Hazard, stage: Stage) -> Iterator[tuple[Cause, tuple[float | 
 
 
 def _distance(stage: Stage, formula: str) -> tuple[dict[str, float], list[EvidenceRun]]:
-    """Run the healthy robot, and return its distance from violating a requirement, by formula, body and offset, or the
-    failed run."""
+    """Return the healthy robot's distance from a violation by formula, body and offset, or the failed run."""
     where = "" if stage.offset == NO_OFFSET else " at " + ", ".join(f"{1e3 * each:g}" for each in stage.offset) + " mm"
     try:
         with assemble(stage.experiment) as assembly:
@@ -127,8 +119,6 @@ def search_runs(
     the worst run until then. The points are a Halton sequence, scrambled by the seed of the evidence.
 
     Args:
-        stages: see `line_of`.
-        stage: stage of `worst`.
         measured: returns the limited quantity.
     """
     budget, reach = hazard.evidence.search, hazard.evidence.reach
@@ -203,11 +193,7 @@ def _make_run(
     found: Origin,
     seed: int,
 ) -> MadeRun | None:
-    """Make the run at a point of the search space, given as `numbers` of 0 .. 1: time, each fault, delay of an ordered
-    cause, place of the tasks.
-
-    Return None if the robot cannot reach the place.
-    """
+    """Make the run at `numbers` (0 .. 1: time, faults, delay if ordered, place); None for an unreachable place."""
     time, *rest = (float(number) for number in numbers)
     experiment, reach = stage.experiment, hazard.evidence.reach
     onset = float(f"{round(time * (experiment.duration_ticks - 1)) * experiment.cosim.tick:.12g}")

@@ -39,19 +39,13 @@ img{max-height:24cm}.runs table,.runs td code{font-size:.5rem}.runs td,.runs th{
 MIN_PUBLISHED = 2
 """Minimum number of published pain thresholds of a table."""
 SECURITY_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-"""The Content-Security-Policy of pages without scripts."""
 STATUS_CLASSES = {"kept": "kept", "exceeded": "exceeded", "exceeded as stated": "stated", "failed": "failed"}
 
 
 def hazard_page(
     table: SafetyTable, lines: Sequence[HazardLine], pictures: Sequence[tuple[str, Path]], made_with: str
 ) -> str:
-    """Create the whole page of a hazard table as HTML.
-
-    Args:
-        pictures: title and file of each picture, embedded in the page.
-        made_with: command that makes the page.
-    """
+    """Create the whole page of a hazard table as HTML, with the pictures (title, file) embedded."""
     return "\n".join(
         [
             "<!doctype html>",
@@ -125,7 +119,6 @@ def seen_text(line: HazardLine) -> str:
 
 
 def value_text(line: HazardLine, run: Reaction | None) -> str:
-    """Format the limited quantity of one run with its unit."""
     if run is None:
         return "-"
     value, unit = line.limited_value(run), line.hazard.limit_key.rpartition("_")[2]

@@ -18,11 +18,9 @@ class ThresholdPoint(NamedTuple):
     """Results of one monitor threshold at one value: false trips and the worst peak.
 
     Attributes:
-        key: key of [monitor].
         factor: factor on the experiment's value.
         value: value in the unit of the key.
         false_trips: number of healthy robots that trip.
-        fleet: number of healthy robots.
         peak: largest force (N) of the worst runs of all lines that are kept at the experiment's own thresholds.
     """
 
@@ -41,17 +39,7 @@ def threshold_points(
     worst: Sequence[tuple[HazardLine, Stage]],
     say: Callable[[str], None],
 ) -> list[ThresholdPoint]:
-    """Count false trips and compute the worst peak for each threshold of the monitor at each factor; values that
-    contradict other limits are left out.
-
-    Args:
-        path, settings: experiment file and its `key=value`.
-        worst: lines with the stage of their worst run.
-        say: called before each point.
-
-    Raises:
-        InputRefused: a key is not a number of [monitor], or a robot of the fleet is invalid.
-    """
+    """Count false trips and the worst peak per threshold and factor, except values that contradict other limits."""
     found = []
     for key in asked.keys:
         nominal = nominal_value(path, settings, key)
@@ -74,11 +62,7 @@ def threshold_points(
 
 
 def nominal_value(path: Path, settings: Sequence[str], key: str) -> float:
-    """Return the experiment's own value of a monitor threshold `key`, in the key's unit.
-
-    Raises:
-        InputRefused: `key` is not a number of [monitor].
-    """
+    """Return the experiment's own value of a monitor threshold `key`, in the key's unit."""
     from twin.kernel.errors import InputRefused, nearest
     from twin.robot.experiment.mistakes import toml_keys
     from twin.robot.monitor.limits import Monitor

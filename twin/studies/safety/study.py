@@ -42,15 +42,10 @@ def safety(
     is exceeded, failed, or worse than --against, 2 input refused.
 
     Example: twin safety experiments/safety/massage.toml --quick
-
-    Raises:
-        InputRefused: a table is invalid, or --against is not the data of a page.
-        NotWritten: the disk refuses.
     """
     from twin.kernel.atomic_write import write_json
-    from twin.studies.safety.changes import old_lines, regressions
     from twin.studies.safety.hazards import read_hazards
-    from twin.studies.safety.text import failures, lines_table, verdict
+    from twin.studies.safety.text import failures, lines_table, old_lines, regressions, verdict
 
     tables = [read_hazards(path) for path in hazards]
     before = old_lines(against) if against else None
@@ -72,9 +67,7 @@ def safety(
         of_table = f" {table.path.stem}" if len(tables) > 1 else ""
         files |= {f"page{of_table}": folder / PAGE_FILE, f"data{of_table}": folder / DATA_FILE}
         parts += ["", lines_table(lines), *failures(lines)]
-        write_json(
-            folder.absolute() / DATA_FILE, {"lines": [line.to_dict() for line in lines], **_without_lines(facts)}
-        )
+        write_json(folder.absolute() / DATA_FILE, facts | {"lines": [line.to_dict() for line in lines]})
     facts["worse"] = list(regressions(before, facts["lines"])) if before is not None else []
     if before is not None:
         sentences = facts["worse"] or ["no line got worse"]
@@ -83,11 +76,7 @@ def safety(
 
 
 def refuse_unusable(table: "SafetyTable", settings: Sequence[str]) -> None:
-    """Reject invalid bodies, variants and sensitivities of a hazard table before the first run.
-
-    Raises:
-        InputRefused: a body, a variant or the sensitivity does not make an experiment, or that has no monitor.
-    """
+    """Reject invalid bodies, variants and sensitivities of a hazard table before the first run."""
     from twin.robot.assembly.load import load_experiment
     from twin.robot.experiment.experiment_files import experiment_file
     from twin.studies.safety.sensitivity import nominal_value
@@ -110,10 +99,6 @@ def refuse_unusable(table: "SafetyTable", settings: Sequence[str]) -> None:
         nominal_value(path, settings, key)
 
 
-def _without_lines(facts: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in facts.items() if key != "lines"}
-
-
 def write_page(
     table: "SafetyTable", settings: Sequence[str], folder: Path, quick: bool, say: Say
 ) -> tuple[list["HazardLine"], list["ThresholdPoint"]]:
@@ -125,9 +110,6 @@ def write_page(
 
     Returns:
         The lines of the table, and the results of the tried monitor thresholds.
-
-    Raises:
-        InputRefused: the experiment or a threshold cannot be used. NotWritten: the disk refuses.
     """
     from math import pi
 

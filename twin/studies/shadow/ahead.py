@@ -75,7 +75,6 @@ UNUSED_TABLES = {
     "scale": "it moves nothing",
     "fault": "branches have none",
 }
-"""Tables without an effect on a branch -> reason."""
 
 
 def _meaning(what: str) -> str:
@@ -94,14 +93,10 @@ BAND_PORTS = tuple(
 AHEAD_PORTS = (MADE_PORT, *PREDICTION_PORTS, *BAND_PORTS)
 
 
-def cholesky_first(P: NDArray[np.float64], first: Sequence[int] = PRESSING_STATES) -> NDArray[np.float64]:
-    """Compute the first columns of the Cholesky factor of `P` (n, n), with the states `first` ordered before all
-    others.
-
-    The columns (n, len(first)) have the whole variance of these states, and the correlated part of the other states.
-    """
+def cholesky_first(P: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the Cholesky columns (n, 3) of `P` (n, n) that have the whole variance of `PRESSING_STATES`."""
     left, columns = P.copy(), []
-    for k in first:
+    for k in PRESSING_STATES:
         deviation = math.sqrt(max(left[k, k], 0.0))
         columns.append(left[:, k] / deviation if deviation else np.zeros(len(P)))
         left -= np.outer(columns[-1], columns[-1])
@@ -162,6 +157,8 @@ class ForceDifference:
     largest: float = 0.0
     largest_time: float = math.nan
 
+    JSON_KEYS = "rms_N=rms largest_N=largest at_s=largest_time"
+
     def add(self, t: NDArray[np.float64], away: NDArray[np.float64]) -> None:
         """Add force differences (n,), N, at times `t` (n,), s, to the statistics; NaN is skipped."""
         there = np.isfinite(away)
@@ -185,7 +182,6 @@ class PredictionScore:
     """Score of a session's predictions, against the estimates that followed.
 
     Attributes:
-        predictions: number of predictions.
         banded: number of predicted forces with a band.
         in_band: number of estimates inside the band.
         no_band: reason why some predictions have no band; "" if all have one.
@@ -201,6 +197,10 @@ class PredictionScore:
     error: ForceDifference = field(default_factory=ForceDifference)
     hold_error: ForceDifference = field(default_factory=ForceDifference)
     what_if_differences: dict[str, ForceDifference] = field(default_factory=dict)
+
+    JSON_KEYS = (
+        "predictions in_band=share error_rms_N=error.rms last_value_rms_N=hold_error.rms what_if=what_if_differences"
+    )
 
     @property
     def share(self) -> float:
@@ -225,13 +225,11 @@ class SessionBranches:
     """Branching systems of a session, which predict the robot: one for the twin, and one for each `--what-if`.
 
     Args:
-        experiment: experiment of the robot.
         changed: `--what-if` text -> changed experiment.
         limit: threshold of the predicted pressing force for a warning (N); infinite for no warnings.
         start: time of the first prediction (s).
 
     Attributes:
-        score: comparison of the predictions with the estimates so far.
         moves: whether the surface moves, by the twin's clock; its phase is not estimated.
         taps: numbers of the tasks that tap.
         own, changed: system of the twin, and systems of the `--what-if` experiments.
@@ -267,7 +265,6 @@ class SessionBranches:
         self._closing.close()
 
     def predicting_part(self, law: OwnController, state: RobotState) -> PlantPart:
-        """Create the part of a twin that predicts the robot; it wraps controller and state."""
         return _PredictingPart(self, law, state)
 
     @property
@@ -345,8 +342,7 @@ class _PredictingPart:
         return made
 
     def _look(self, sample: int, t: float, made: Rows) -> None:
-        """Do the predicting work due at a sample, at `t` (s): write a prediction into the rows `made`, learn the
-        contact, or begin a prediction."""
+        """Do the work due at a sample at `t` (s): write a prediction into `made`, learn the contact, or begin."""
         giving = self._pending is not None and t >= self._pending.t + PREDICTION_DELAY
         looking, beginning = t >= self._next_look, t >= self._next
         if not (giving or looking or beginning):
@@ -393,10 +389,7 @@ class _PredictingPart:
             branching.follow(times, omega_ref, heard[:, 7:10] / self._per_motor)
 
     def _is_foreign(self, t: float) -> bool:
-        """Check whether another controller than the twin's has commanded the robot since the last check; reported once.
-
-        Lost samples cause short differences, another point of the program long ones.
-        """
+        """Whether another controller commanded the robot (differences last, unlike lost samples'); reported once."""
         both = np.concatenate(self._strange)
         self._strange.clear()
         away, robots = both[:, 3:] - both[:, :3], both[:, :3]
@@ -474,8 +467,7 @@ class _PredictingPart:
         return "no band: a tap's time of touch is not estimated" if task in self._ahead.taps else ""
 
     def _score(self, t: NDArray[np.float64], F_z: NDArray[np.float64], deviation: NDArray[np.float64]) -> None:
-        """Compare earlier predictions with the forces estimated since: `F_z` (n,), N, and their standard `deviation`,
-        at `t` (n,), s."""
+        """Compare predictions with the forces `F_z` (n,), N, estimated since, and their `deviation`, at `t` (n,), s."""
         if not self._open:
             return
         foreseen, begin, end = self._ahead.score, float(t[0]) - 1e-9, float(t[-1])
@@ -496,16 +488,7 @@ class _PredictingPart:
 
 
 def changed_experiments(path: Path, settings: Sequence[str], what_if: Sequence[str]) -> dict[str, Experiment]:
-    """Load the changed experiment of each `--what-if` option; one text may set several keys, separated by ";".
-
-    Args:
-        path: file of the experiment.
-        settings: "table.key=value" texts of the robot.
-        what_if: texts of the command line.
-
-    Raises:
-        InputRefused: an unknown key, or one that cannot change in mid-run.
-    """
+    """Load the experiment of each `--what-if`, several keys separated by ";", with the robot's settings."""
     found = {}
     for text in what_if:
         keys = text.split(";")
@@ -524,15 +507,7 @@ def changed_experiments(path: Path, settings: Sequence[str], what_if: Sequence[s
 def session_branches(
     experiment: Experiment, changed: Mapping[str, Experiment], limit: float | None, note: Callable[[str], None]
 ) -> SessionBranches | None:
-    """Create the branching systems that predict a session's robot; None, with a note, if the robot cannot be predicted.
-
-    Args:
-        limit: maximum pressing force (N); None for the monitor's limit, if any.
-        note: receives the reason.
-
-    Raises:
-        InputRefused: the robot cannot be predicted, and `--what-if` was given.
-    """
+    """Create the predicting systems, or None with a note; `limit` (N), None for the monitor's, if any."""
     if limit is None:
         limit = experiment.monitor.force_limit if experiment.monitor else math.inf
     try:

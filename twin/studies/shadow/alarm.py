@@ -32,10 +32,8 @@ FIRST_BLOCKS = 2
 SETTLING_TIME = 0.5
 """Time after a start of the filter during which residuals are ignored (s)."""
 MIN_BLOCK_SHARE = 0.5
-"""Minimum share of a block's samples."""
 RATE_RESERVE = 5.0
-"""Factor between the requested rate and the rate that the threshold is computed for: blocks are neither normal nor
-independent."""
+"""Factor between requested and computed rate, because blocks are neither normal nor independent."""
 CONFIRMING_LEVEL = 0.5
 """Share of the threshold above which the state is CONFIRMING."""
 
@@ -52,7 +50,6 @@ CHANNELS = {
 """Watched residuals -> output of the filter, element, unit. `spread` is NIS per count; `command` is the largest
 difference between the robot's commands and the commands of the twin's own controller."""
 ONE_SIDED_CHANNELS = ("spread", COMMAND_CHANNEL)
-"""Channels whose decrease is ignored."""
 SUM_COUNT = 2 * len(CHANNELS) - len(ONE_SIDED_CHANNELS)
 """Number of sums that may alarm."""
 RATE_ERROR = 0.1
@@ -61,8 +58,7 @@ UNKNOWN_PARAMETER = "which parameter is not known"
 
 
 def run_length(H: float) -> float:
-    """Compute the mean number of blocks between false alarms of one cumulative sum at the edge of the tolerance; `H`:
-    threshold by sigma."""
+    """Compute the mean number of blocks between false alarms of a sum at the tolerance's edge; `H` in sigma."""
     b = H + 1.166
     return 2.0 * (math.expm1(b) - b)
 
@@ -70,11 +66,7 @@ def run_length(H: float) -> float:
 def threshold(
     per_hour: float, block: float = BLOCK_LENGTH, sides: int = SUM_COUNT, reserve: float = RATE_RESERVE
 ) -> float:
-    """Compute the alarm threshold H, by sigma, for a rate of false alarms per hour over all `sides` together.
-
-    Raises:
-        InputRefused: a rate outside 1e-6 to 100.
-    """
+    """Compute the alarm threshold H, by sigma, for a rate of false alarms per hour over all `sides` together."""
     if not 1e-6 <= per_hour <= 100.0:
         raise InputRefused(f"{per_hour:g} false alarms an hour: expected 1e-6 to 100")
     wanted = 3600.0 / block * sides * reserve / per_hour
@@ -87,12 +79,7 @@ def threshold(
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Residual tolerances of healthy robots by channel, in the channel's unit.
-
-    Attributes:
-        tolerance: largest change of a block's mean.
-        sigma: standard deviation of a block's mean.
-    """
+    """Tolerances per channel, in its unit: largest change, and standard deviation, of a block's mean."""
 
     tolerance: Mapping[str, float]
     sigma: Mapping[str, float]
@@ -125,7 +112,6 @@ class WatchState(StrEnum):
 
 
 WAITING_STATES = (WatchState.GATHERING, WatchState.REIDENTIFYING, WatchState.COOLING_DOWN)
-"""States without an update of the sums."""
 
 
 @dataclass(frozen=True)
@@ -133,14 +119,10 @@ class WatchEvent:
     """Change of the watch's state, with the evidence for it.
 
     Attributes:
-        t: time (s).
-        state: new state.
         channel: channel of the largest sum; "" if no sum caused the change.
         level: that sum by its threshold.
         since: start of the sum's growth (s).
         size: mean residual since then, less the reference, in the channel's unit.
-        found: result of the re-identification.
-        alarm: whether the change is an alarm.
     """
 
     t: float
@@ -153,7 +135,6 @@ class WatchEvent:
     alarm: bool = False
 
     def __str__(self) -> str:
-        """Describe the change of the watch's state in a sentence."""
         if not self.channel:
             return f"{self.state}{f': {self.found}' if self.found else ''}"
         unit = "" if CHANNELS[self.channel][2] == "1" else f" {CHANNELS[self.channel][2]}"
@@ -172,11 +153,7 @@ class _Sum:
 
 
 class Blocks:
-    """Averaging of the filter's outputs over blocks of time, updated with samples or slices.
-
-    Args:
-        length: length of a block (s).
-    """
+    """Averaging of the filter's outputs over blocks of `length` (s), updated with samples or slices."""
 
     def __init__(self, length: float = BLOCK_LENGTH):
         self._length = length
@@ -185,13 +162,7 @@ class Blocks:
         self._most, self._anew = 0, math.inf
 
     def add_samples(self, t: NDArray[np.float64], y: Columns) -> Iterator[tuple[float, NDArray[np.float64]]]:
-        """Add samples, and yield end (s) and means (channels,) of each block that they complete; NaN for channels
-        without values.
-
-        Args:
-            t: times (n,), s, ascending from call to call.
-            y: outputs of the filter at these times.
-        """
+        """Add ascending samples (n,), s; yield end (s) and means (channels,) of completed blocks, NaN if empty."""
         values = residuals(y)
         values[t < self._settled] = math.nan
         for at in t[np.asarray(y["started"]) > 0.0].tolist():
@@ -264,7 +235,6 @@ class ShadowWatch:
     """Watch on a robot: Page's cumulative sums over the block means, and the alarm's state machine.
 
     Args:
-        limits: tolerances.
         per_hour: accepted rate of false alarms.
         gathering: number of blocks after an alarm that are collected for a re-identification.
         cooling: number of blocks after that without a watch.
@@ -297,7 +267,6 @@ class ShadowWatch:
 
     @property
     def alarms(self) -> list[WatchEvent]:
-        """Alarms raised so far."""
         return [change for change in self.changes if change.alarm]
 
     def add_block(self, t: float, means: Sequence[float] | NDArray[np.float64]) -> list[WatchEvent]:
@@ -316,8 +285,7 @@ class ShadowWatch:
         return self.changes[first:]
 
     def _refuse_other_beginning(self, t: float) -> None:
-        """Stop comparing commands if they differ already in the first blocks: robot and twin did not begin their
-        program together."""
+        """Stop comparing commands that differ in the first blocks: the programs did not begin together."""
         tolerance, sigma = (
             self._limits.tolerance.get(COMMAND_CHANNEL, math.nan),
             self._limits.sigma.get(COMMAND_CHANNEL, math.nan),
@@ -329,7 +297,6 @@ class ShadowWatch:
             )
 
     def change_tolerances(self, t: float, limits: Tolerances) -> None:
-        """Restart the watch with other tolerances at `t` (s)."""
         self._limits = limits
         self.restart(t)
 

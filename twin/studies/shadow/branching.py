@@ -51,10 +51,7 @@ class RobotSnapshot(NamedTuple):
         x: state of the filter (15,).
         J: d theta_l / d p_B (3, 3).
         omega_ref: present commands (3,), rad/s.
-        law: controller state, its pieces concatenated.
-        drives: state of the drives.
         shafts: outputs of the drives by component name.
-        contact_estimate: surface and dry friction.
     """
 
     tick: int
@@ -91,8 +88,7 @@ def _deepest(parameters, p, count):
 
 
 def _inputs(drive: Component, number: int) -> list[int]:
-    """List, for each input element of a drive, its column among seven values: three commands, three loads, and 1. A
-    scalar input takes the column of its joint, a vector all three; power is 1."""
+    """List the column of each input of a drive in (3 commands, 3 loads, 1): its joint's, all three, or 1 for power."""
     found: list[int] = []
     for port in drive.inputs:
         first = {"omega_ref": 0, "tau_load": 3}.get(port.name.removesuffix(END_SUFFIX), 6)
@@ -111,19 +107,7 @@ def _spring(p: NDArray) -> NDArray[np.float64]:
 
 
 class Branching:
-    """System of an experiment that can be simulated ahead from any state of the robot.
-
-    Args:
-        experiment: experiment of the robot.
-        where: begins the error messages.
-
-    Attributes:
-        law: the controller.
-        tick, period: tick of the system (s), and period of its controller (ticks).
-
-    Raises:
-        InputRefused: a component is third-party, or has no state.
-    """
+    """System of an experiment, simulated ahead from any state, with tick (s) and controller period (ticks)."""
 
     def __init__(self, experiment: Experiment, where: str = ""):
         others = {role: part for role, part in experiment.stand_ins.items() if role not in ("monitor", "scale")}
@@ -210,11 +194,7 @@ class Branching:
         return end
 
     def catch_up(self) -> None:
-        """Step the drives over the buffered commands and loads.
-
-        Raises:
-            ComponentFailed: a drive fails.
-        """
+        """Step the drives over the buffered commands and loads; raise `ComponentFailed` if a drive fails."""
         self._restore_drives()
         held = np.concatenate([*self._held, np.empty((0, 7))])
         self._held.clear()
@@ -255,8 +235,7 @@ class Branching:
     def present(
         self, x: NDArray[np.float64], J: NDArray[np.float64], law: NDArray[np.uint8], around: ContactEstimate
     ) -> RobotSnapshot:
-        """Take a snapshot of the robot's present state to run branches from; call `catch_up` first. Arguments: see
-        `RobotSnapshot`."""
+        """Take a snapshot to run branches from; call `catch_up` first."""
         drives = self._drive_places.save_state(self._at)
         return RobotSnapshot(self._at, x, J, self.command.copy(), law, drives, dict(self._shafts), around.snapshot())
 
@@ -265,20 +244,13 @@ class Branching:
         return np.array([now.contact_estimate.pressing(now.x, now.J, self.surface(now.tick)[0]), now.x[POSITION + 2]])
 
     def refuse_other_law(self, law: Component, where: str) -> None:
-        """Reject a controller whose state does not fit this system's controller; `where` begins the error message.
-
-        Raises:
-            InputRefused: the states differ in their pieces.
-        """
+        """Reject a controller whose state does not fit this system's controller; `where` begins the error message."""
         mine, theirs = ({name: a.shape for name, a in one.pieces().items()} for one in (self.law, law))
         if mine != theirs:
             raise InputRefused(f"{where}the controller cannot be another one in mid-run")
 
     def run(self, now: RobotSnapshot, other: BranchChange = BranchChange()) -> NDArray[np.float64]:  # noqa: B008, it is a tuple
-        """Simulate a branch from a snapshot; return pressing force (N) and height (m) at `LEAD_TIMES` (leads, 2).
-
-        NaN after the failure of a component.
-        """
+        """Simulate a branch; return force (N) and height (m) at `LEAD_TIMES` (leads, 2), NaN after a failure."""
         self._set_state(now, other)
         return self._run_ahead()
 
@@ -291,11 +263,9 @@ class Branching:
         return self._run_ahead()
 
     def _save_drives(self) -> None:
-        """Save the state of the drives before branches change it."""
         self._away = self._away or self._drive_places.save_state(self._at)
 
     def _restore_drives(self) -> None:
-        """Restore the drives to their state before the branches."""
         if self._away:
             self._drive_places.restore_state(self._away)
             self._away.close()
@@ -323,7 +293,6 @@ class Branching:
         return found
 
     def _set_state(self, now: RobotSnapshot, other: BranchChange) -> None:
-        """Set the whole system to the start of a branch, with its change."""
         self._save_drives()
         self._places.restore_state(self._fresh)
         self._drive_places.restore_state(now.drives)
@@ -363,12 +332,7 @@ class Branching:
         self._simulation.jump_to(now.tick, outputs)
 
     def surface(self, tick: int | None = None) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-        """Return displacement and velocity of a moving surface by the twin's clock (6,), SI, and its component's
-        outputs.
-
-        Args:
-            tick: the time; None for now.
-        """
+        """Return displacement and velocity of a moving surface at `tick` (None: now) (6,), SI, and the outputs."""
         t = self.tick * (self._at if tick is None else tick)
         for body in self._assembly.components_by_row["body"]:
             rows, _ = play(body, np.array([t]), np.array([self.tick]), np.empty((1, 0)))

@@ -20,8 +20,7 @@ from twin.robot.plant.dynamics import PARAMETERS_RECORD
 from twin.studies.shadow.layout import FORCE, POSITION, TOUCH_FORCE, VELOCITY
 
 AIR_CLEARANCE = 1e-3
-"""Minimum height over the believed surface for free air (m): surfaces of healthy robots differ by 0.5 mm, and encoder
-zeros of 0.05 deg are 0.2 mm."""
+"""Minimum height over the surface for free air (m): surfaces differ by 0.5 mm, zeros of 0.05 deg by 0.2 mm."""
 STIFFNESS_FORCE = 1.5
 """Force (N) above which it gives the stiffness of the surface, and below which its height."""
 MAX_DEPTH = 0.1
@@ -33,8 +32,7 @@ SMOOTHING_TIME = 0.05
 ENCODER_ZERO, JOINT_FRICTION, MAX_FRICTION = math.radians(0.05), 0.02, 0.04
 """rad, N m. Zeros of encoders and dry friction of healthy robots are within the first two."""
 TORQUE_DEVIATION, FORGETTING_FACTOR = 1e-2, 0.995
-"""Standard deviation of one measurement of the springs' torques in free air (N m), and the weight that each measurement
-leaves to earlier ones."""
+"""Deviation of a torque measurement in free air (N m), and the weight that it leaves to earlier ones."""
 MAX_LEARNING_SPEED = 0.02
 """Maximum vertical speed (m/s): the filter explains faster motions by forces that the surface does not exert."""
 AIR_FORCE_DEVIATION = 0.15
@@ -68,10 +66,7 @@ def _evaluate_contact(m):
 
 @entry("nothing", "doubles", "doubles", "int", "doubles", "doubles", "double", at_once=True)
 def _drag(theta_l, h, count, smooth, anchors, presliding):
-    """Move the `anchors` (3) of dry friction along `count` successive rows of three joint angles (P14).
-
-    Angles are low-pass filtered first, because estimation noise would release the friction.
-    """
+    """Move the `anchors` (3) of dry friction along `count` rows of joint angles (P14), filtered against noise."""
     angles, steps, mean, held = carray(theta_l, 3 * count), carray(h, count), carray(smooth, 3), carray(anchors, 3)
     for k in range(count):
         share = 1.0 - math.exp(-steps[k] / SMOOTHING_TIME)
@@ -120,13 +115,11 @@ class ContactEstimate:
         self._solve_zeros()
 
     def snapshot(self) -> "ContactEstimate":
-        """Copy the contact estimate, so that later updates do not change the copy."""
         found = copy(self)
         found._touch = self._touch.copy()
         return found
 
     def _solve_zeros(self) -> None:
-        """Solve the least-squares fit of encoder zeros and dry friction."""
         found = np.asarray(np.linalg.solve(self._prior + self._A, self._before + self._b), dtype=np.float64)
         found[3] = min(max(found[3], 0.0), MAX_FRICTION)
         self.zeros = found

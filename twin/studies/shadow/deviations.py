@@ -17,15 +17,13 @@ from twin.studies.shadow.contact_estimate import ENCODER_ZERO, JOINT_FRICTION
 from twin.studies.shadow.layout import FORCE, MOTOR, POSITION, STATES
 
 SPRING_ERROR, DEAD_ZONE_ERROR = 0.04, 1.0
-"""Largest relative errors of springs and dead zones that were not identified, in the shipped fleet of healthy
-robots."""
+"""Largest relative errors of unidentified springs and dead zones in the shipped fleet of healthy robots."""
 DEVIATION_SHARE = 0.75
 """Standard deviation by the largest error. At the corners of the fleet, where several causes are largest at once, at
 most a tenth of all samples exceeds 1.96 deviations."""
 SPRING_KEY, DEAD_ZONE_KEY = "plant.k_s_Nm_per_rad", "plant.backlash_deg"
 NOT_IDENTIFIED = "this robot was not identified yet: `twin identify`"
 NIS_SAMPLES = 500
-"""Number of samples over which NIS is averaged."""
 
 
 def is_identified(experiment: Experiment, key: str) -> bool:
@@ -52,8 +50,7 @@ class HealthyDeviation:
         self, deviation: NDArray[np.float64], NIS: NDArray[np.float64], used: NDArray[np.float64],
         J: NDArray[np.float64], tau_l: NDArray[np.float64],
     ) -> NDArray[np.float64]:  # fmt: skip
-        """Widen the filter's standard deviations (n, 15) for a healthy robot, by NIS and new counts (n,), J (n, 3, 3)
-        and tau_l (n, 3)."""
+        """Widen the filter's deviations (n, 15) by NIS and new counts (n,), J (n, 3, 3) and tau_l (n, 3)."""
         added = np.zeros((len(deviation), STATES))
         with np.errstate(invalid="ignore", divide="ignore"):
             away = np.linalg.pinv(np.where(np.isfinite(J), J, 0.0))

@@ -112,8 +112,7 @@ def innovation(m, sensor, count, h, expected):
 
 @njit(cache=True, error_model="numpy")
 def correct(m, h, y):
-    """Correct the filter's state with the encoder counts, one after the other; sum squared residuals by their variances
-    into `y.NIS`."""
+    """Correct the state with the counts, one after the other; sum squared residuals by their variances into `y.NIS`."""
     P, PH, total = m.P, m.PH, m.total
     for i in range(STATES):
         total[i] = 0.0
@@ -199,7 +198,6 @@ def solve_force(slope, a):
 
 @njit(cache=True, error_model="numpy")
 def write_outputs(m, y):
-    """Write the filter's state and its standard deviations into the outputs."""
     for i in range(3):
         y.p_B[i], y.v_B[i] = m.x[POSITION + i], m.x[VELOCITY + i]
         y.theta_m[i], y.omega_m[i], y.F_ee_B[i] = m.x[MOTOR + i], m.x[SPEED + i], m.x[FORCE + i]
@@ -209,7 +207,6 @@ def write_outputs(m, y):
 
 @njit(cache=True, error_model="numpy")
 def residuals(m, h, u, y):
-    """Write the prior residuals of the filter into the outputs."""
     pose(m)
     m.still += h
     for sensor in range(ENCODER_COUNT):
@@ -304,7 +301,6 @@ class Shadow(NativeComponent):
         self.finite = False
 
     def accept(self, parameters: PlantParameters) -> None:
-        """Replace the plant's parameters in the running filter."""
         self.memory["parameters"][0] = _without_dry_friction(parameters)
 
     def explain(self, status: int) -> str:

@@ -18,32 +18,22 @@ Columns = dict[str, NDArray[np.float64]]
 UNKNOWN_DRIVE = ShadowDrive(lag=0.02, droop=0.0, inertia=1e-4, wander=20.0)
 """Model of a drive with unknown equations: the lag that controllers believe, and much process noise."""
 KNOWN_DRIVE = 0.1
-"""Process noise of a known drive (rad/s2/sqrt(Hz)): the effect of a lag of 20 ms that is off by 1 %, at 10 rad/s2
-changing ten times a second."""
+"""Process noise of a known drive (rad/s2/sqrt(Hz)): a lag of 20 ms off by 1 %, 10 rad/s2 changing at 10 Hz."""
 
 
-def shadow_of(experiment: Experiment, noises: Noises = Noises()) -> Shadow:  # noqa: B008, it is a tuple
-    """Create the Kalman filter of the robot that `experiment` describes.
-
-    Raises:
-        InputRefused: a drive does not fit.
-    """
+def shadow_of(experiment: Experiment) -> Shadow:
     plant = experiment.plant
     return Shadow(
         plant_parameters(plant, experiment.contact),
         belief(experiment),
         Sensors(plant.motor_noise, plant.joint_noise),
         drive_model(experiment),
-        noises,
+        Noises(),
     )
 
 
 def drive_model(experiment: Experiment) -> ShadowDrive:
-    """Create the filter's drive model for `experiment`: from the equations of `velocity_servo`, else `UNKNOWN_DRIVE`.
-
-    Raises:
-        InputRefused: a drive does not fit.
-    """
+    """Create the drive model of `experiment`: from the equations of `velocity_servo`, else `UNKNOWN_DRIVE`."""
     known = servos(planned_drives(experiment))
     if known is None:
         return UNKNOWN_DRIVE
@@ -52,17 +42,7 @@ def drive_model(experiment: Experiment) -> ShadowDrive:
 
 
 class FilterFeed:
-    """Kalman filter stepped sample by sample, without an allocation per sample.
-
-    Args:
-        shadow: the filter.
-
-    Attributes:
-        u: next sample (13,), by `sample_columns.INPUTS`; NaN at first.
-        inputs: views of `u` by port.
-        y: newest outputs (24,), by `layout.OUTPUTS`.
-        outputs: views of `y` by port.
-    """
+    """Kalman filter stepped without allocations, with views by port on the sample `u` (13,) and outputs `y` (24,)."""
 
     def __init__(self, shadow: Shadow):
         self._shadow, self._last = shadow, -np.inf
@@ -71,11 +51,7 @@ class FilterFeed:
         self.inputs, self.outputs = by_port(INPUTS, self.u), by_port(OUTPUTS, self.y)
 
     def __call__(self, t: float) -> None:
-        """Step the filter with the sample in `u` of time `t` (s), later than the previous sample.
-
-        Raises:
-            ComponentFailed: the counts of the first sample fit no pose.
-        """
+        """Step the filter with the sample in `u` of time `t` (s), later than the previous sample."""
         status = self._step(self._shadow.self_address, t, t - self._last, *self._at)
         if status:
             raise ComponentFailed(f"shadow {self._shadow.explain(status)}, t = {t:.3f} s")
@@ -83,11 +59,7 @@ class FilterFeed:
 
 
 def filter_outputs(shadow: Shadow, samples: RobotSamples) -> Columns:
-    """Step the filter over all `samples`, and return its outputs by the names in `layout.OUTPUTS`: (n,) or (n, size).
-
-    Raises:
-        ComponentFailed: the first counts fit no pose.
-    """
+    """Step the filter over all `samples`; return its outputs by the names in `layout.OUTPUTS`: (n,) or (n, size)."""
     h = samples.periods
     rows, status = play(shadow, samples.t, np.where(np.isfinite(h), h, 1e9), samples.u)
     if status:

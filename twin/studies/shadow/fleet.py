@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.build import belief
@@ -41,7 +40,6 @@ from twin.studies.sweep.plan import Vary, plan_of, read_definition
 ZERO_RANGE = 0.05
 """Range of the encoder zeros, to both sides (deg)."""
 MAX_LOST_SHARE = 0.05
-"""Maximum share of lost samples."""
 MAX_STAMP_ERROR, MAX_STAMP_ERROR_SHARE = 0.8e-3, 0.4
 """Maximum error of a stamp, either way (s), and as a share of the sampling period: stamps stay in order."""
 TOLERANCE_MARGIN = 1.25
@@ -62,7 +60,6 @@ class Fleet:
     Attributes:
         experiment: file of the twin's experiment.
         settings: settings of all robots and their twin, as of `twin run --set`.
-        robots: settings of each robot.
         corners: settings of robots at the ends of all intervals.
         seed: seed of the additional random values.
     """
@@ -79,17 +76,10 @@ class Fleet:
         return self.robots + self.corners
 
     def twin(self) -> Experiment:
-        """Load the experiment that the twin believes of every robot."""
         return load_experiment(self.experiment, self.settings)
 
     def run(self, number: int, settings: Sequence[str] = ()) -> RobotSamples:
-        """Simulate robot `number` of the fleet from time 0, and return the samples of its computer.
-
-        The samples of a healthy robot end where its monitor trips: without power it does not follow its commands.
-
-        Args:
-            settings: additional settings of this robot, a fault for example.
-        """
+        """Simulate robot `number` until its monitor trips, with additional settings; return its samples."""
         random = np.random.default_rng([self.seed, number])
         zeros = [
             f"plant.{side}_zero_deg={random.uniform(-ZERO_RANGE, ZERO_RANGE, 3).tolist()}"
@@ -105,10 +95,7 @@ class Fleet:
         return RobotSamples(samples.t[healthy], samples.u[healthy])
 
     def transmit(self, number: int, samples: RobotSamples, every: int = 1) -> RobotSamples:
-        """Simulate the transmission of a robot's samples: keep one in `every`, lose some, and disturb their stamps.
-
-        A robot at a corner has the largest loss and stamp errors.
-        """
+        """Keep one in `every` samples, lose some, disturb their stamps; at a corner loss and errors are largest."""
         random = np.random.default_rng([self.seed, number, every])
         share = random.uniform(0.0, 1.0, 2) if number < len(self.robots) else np.ones(2)
         return transmit_samples(
@@ -126,14 +113,9 @@ def read_fleet(
     """Read a fleet of healthy robots from a sweep file.
 
     Args:
-        path: the file.
         experiment: experiment in place of the file's; intervals are scaled by the ratio of both values, and identified
             values do not vary.
         runs, seed: replacements of the file's values, if given, for other robots.
-        settings: settings of all robots and their twin.
-
-    Raises:
-        InputRefused: all errors of the file.
     """
     definition, named = read_definition(path)
     settings = (*SCALE_SETTINGS, *settings)
@@ -194,24 +176,14 @@ def own_commands(twin: Experiment, samples: RobotSamples) -> Columns:
     return farthest_command(rows)
 
 
-def block_means(
-    twin: Experiment, samples: RobotSamples, block: float = BLOCK_LENGTH
-) -> tuple[list[float], NDArray[np.float64]]:
-    """Run the filter over a robot's samples, and return ends (s) and means (n, channels) of all blocks."""
+def block_means(twin: Experiment, samples: RobotSamples) -> tuple[list[float], NDArray[np.float64]]:
     y = filter_outputs(shadow_of(twin), samples) | own_commands(twin, samples)
-    found = list(Blocks(block).add_samples(samples.t, y))
+    found = list(Blocks().add_samples(samples.t, y))
     return [t for t, _ in found], np.array([means for _, means in found]).reshape(-1, len(CHANNELS))
 
 
 def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
-    """Compute the alarm's tolerances from the block means of healthy robots.
-
-    Args:
-        means: block means (n, channels) of each robot, from its first block.
-
-    Raises:
-        InputRefused: all runs are too short for a shift.
-    """
+    """Compute the alarm's tolerances from the block means of healthy robots."""
     # at least two blocks after the reference: the spread is computed from neighbours
     if max(map(len, means)) < (blocks := FIRST_BLOCKS + 2):
         least = SETTLING_TIME + blocks * BLOCK_LENGTH
@@ -229,11 +201,7 @@ def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
 
 
 def fleet_limits(fleet: Fleet, thinned: Sequence[int] = (1,), say: Say = ignore_progress) -> list[Tolerances]:
-    """Compute the alarm's tolerances from a fleet, once for each thinning factor in `thinned` (one of so many samples
-    arrives).
-
-    `say` receives the progress.
-    """
+    """Compute the alarm's tolerances from a fleet per factor in `thinned` (one of so many samples arrives)."""
     twin, count = fleet.twin(), len(fleet.all_robots)
     means: list[list[NDArray[np.float64]]] = [[] for _ in thinned]
     for k in range(count):
@@ -245,26 +213,6 @@ def fleet_limits(fleet: Fleet, thinned: Sequence[int] = (1,), say: Say = ignore_
 
 
 def watch_blocks(ends: Sequence[float], means: NDArray[np.float64], watch: ShadowWatch) -> list[WatchEvent]:
-    """Run the watch over the blocks of one robot, and return its alarms."""
     for t, one in zip(ends, means, strict=True):
         watch.add_block(t, one)
     return watch.alarms
-
-
-@dataclass(frozen=True)
-class FalseAlarmRate:
-    """Rate of false alarms, measured on healthy robots.
-
-    Attributes:
-        alarms: number of alarms.
-        hours: watched time without the reference blocks (h).
-    """
-
-    alarms: int
-    hours: float
-
-    @property
-    def upper(self) -> float:
-        """Upper 95 % confidence bound of the false alarm rate (1/h), exact for a Poisson process (F. Garwood,
-        Biometrika 28 (1936))."""
-        return float(chi2.ppf(0.95, 2 * self.alarms + 2)) / (2.0 * self.hours)

@@ -51,7 +51,6 @@ COMMAND_RESIDUAL = (Port("omega_ref", 3, "rad/s", "motor speeds that the twin's 
 
 DEVIATION_COLUMNS = port_slices(OUTPUTS)["deviation"]
 RARE_TOPICS = ("ahead", "what_if", "scale")
-"""Topics with fewer rows than samples."""
 
 
 class PlantPart(Part, Protocol):
@@ -62,8 +61,7 @@ class PlantPart(Part, Protocol):
 
 
 class StateEstimate(NamedTuple):
-    """Estimate by the filter of the robot's state. x: state (15,); P: covariance (15, 15); J: Jacobian of the joints
-    (3, 3), SI."""
+    """The filter's estimate: state x (15,), covariance P (15, 15), Jacobian J of the joints (3, 3), SI."""
 
     x: NDArray[np.float64]
     P: NDArray[np.float64]
@@ -75,12 +73,6 @@ class OwnController:
     robot's if known.
 
     It begins with the first sample; if the robot's program is already running, it is at another point.
-
-    Args:
-        experiment: experiment with the controller.
-
-    Attributes:
-        controller: the component.
     """
 
     def __init__(self, experiment: Experiment):
@@ -131,13 +123,7 @@ class OwnController:
 
 
 class RobotState:
-    """State of the robot with standard deviations, estimated by the filter; its residuals are prior residuals.
-
-    Samples are estimated in slices, or each one as it arrives.
-
-    Args:
-        experiment: experiment of the robot.
-    """
+    """Part that estimates state and deviations by the filter, in slices or per sample; residuals are prior."""
 
     def __init__(self, experiment: Experiment):
         self._shadow = shadow_of(experiment)
@@ -153,13 +139,11 @@ class RobotState:
         self._stepping = Lock()
 
     def accept(self, plant: PlantParameters) -> None:
-        """Replace the plant's parameters in the filter."""
         with self._stepping:
             self._shadow.accept(plant)
 
     def estimate_at_once(self, sample: Sample) -> None:
-        """Estimate the robot's state from a sample that has just arrived; `feed`, possibly in another thread, returns
-        its row later."""
+        """Estimate the state from a sample that has just arrived; `feed`, maybe in another thread, returns its row."""
         commands = self._one.inputs["omega_ref"]
         held = commands.tolist()
         self._one.u[:] = sample.row
@@ -177,7 +161,6 @@ class RobotState:
         self._made.append((y, self._estimated.save()))
 
     def estimate(self, sample: int) -> StateEstimate:
-        """Return the state estimate after a sample of the last slice."""
         x, P, J = np.split(self._estimates[sample].view(np.float64).copy(), (STATES, STATES + STATES * STATES))
         return StateEstimate(x, P.reshape(STATES, STATES), J.reshape(3, 3))
 
@@ -197,7 +180,6 @@ class RobotState:
     def _widen_deviations(
         self, found: NDArray[np.float64], estimates: NDArray[np.uint8], rows: Rows
     ) -> NDArray[np.float64]:
-        """Replace the filter's deviations in rows by the deviations for a healthy robot."""
         y, tau_l = values_by_port(OUTPUTS, found), values_by_port(ESTIMATOR_OUTPUTS, rows["estimator"])["tau_l"]
         J = np.ascontiguousarray(estimates[:, -9 * 8 :]).view(np.float64).reshape(-1, 3, 3)
         found[:, DEVIATION_COLUMNS] = self._healthy.widen(y["deviation"], y["NIS"], y["used"], J, tau_l)
@@ -210,8 +192,7 @@ def own_controllers(experiment: Experiment) -> list[OwnController]:
 
 
 def farthest_command(rows: Rows) -> Rows:
-    """Find the largest of the three command differences between robot and twin (n,), rad/s, for the alarm; empty
-    without commands."""
+    """Find the largest command difference of robot and twin (n,), rad/s; empty without commands."""
     return {"residual_command": np.abs(rows["residual/command"]).max(axis=1)} if "residual/command" in rows else {}
 
 
@@ -220,7 +201,6 @@ class AlarmWatch:
 
     Args:
         limits: tolerances, or tolerances by sampling rate (Hz), chosen by the rate of the first second.
-        per_hour: accepted rate of false alarms.
         reidentifier: search for the changed parameter; None for no search.
         caution: begins the text of each alarm.
 
@@ -249,7 +229,6 @@ class AlarmWatch:
 
     @property
     def changes(self) -> list[WatchEvent]:
-        """Changes of the alarm's state so far."""
         return self._watch.changes if self._watch else []
 
     def change_rate(self, t: float, rate: float) -> None:
@@ -317,8 +296,7 @@ class AlarmWatch:
         return [f"{one.t:.1f} s  {one}; {done}" for one, done in ways]
 
     def accept(self, proposal: Adaptation) -> PlantParameters:
-        """Accept a proposal of changed parameters, return the new plant, and learn a new reference after cooling
-        down."""
+        """Accept a proposal, return the new plant, and learn a new reference after cooling down."""
         assert self.reidentifier is not None and self._watch is not None
         self.reidentifier.accept(proposal)
         self._watch.restart(self._t)
@@ -331,11 +309,9 @@ class Twin:
     """Twin of a running robot: all parts that process its samples, in order.
 
     Attributes:
-        parts: the parts, see `Part`.
         state: part that estimates samples as they arrive; may be inside another part.
         check: check of the column map.
         plant_parts: parts that depend on the plant.
-        adapts: whether each proposal is accepted automatically.
         records_calls: whether only rows at controller calls are recorded, `[recording] rate`.
     """
 
@@ -348,11 +324,9 @@ class Twin:
 
     @property
     def topics(self) -> dict[str, tuple[Port, ...]]:
-        """Output ports of all parts by topic."""
         return {topic: ports for part in self.parts for topic, ports in part.topics.items()}
 
     def feed(self, samples: RobotSamples) -> Rows:
-        """Process `samples` with all parts of the twin, and return their rows."""
         rows: Rows = {}
         for part in self.parts:
             rows |= part.feed(samples, rows)
@@ -380,23 +354,14 @@ class Twin:
 
     @property
     def proposal(self) -> Adaptation | None:
-        """Open proposal of changed parameters; None without a proposal."""
         return self._reidentifier.proposal if self._reidentifier else None
 
     @property
     def adaptations(self) -> Sequence[Adaptation]:
-        """Accepted proposals of changed parameters."""
         return self._reidentifier.adaptations if self._reidentifier else ()
 
     def accept(self, proposal: Adaptation) -> bool:
-        """Accept `proposal` of changed parameters in all parts: filter, plant model, predictions, and the alarm after
-        cooling down.
-
-        Call it between two calls of `feed`, from the same thread.
-
-        Returns:
-            Whether `proposal` was still open.
-        """
+        """Accept `proposal` in all parts, between two `feed` of the same thread; return whether it was open."""
         if proposal is not self.proposal:
             return False
         (watched,) = (part for part in self.parts if isinstance(part, AlarmWatch))
@@ -427,7 +392,6 @@ def twin_of(
     Args:
         where: begins error messages on the robot's data.
         watched: part that raises the alarm; None for no alarm.
-        adapts: see `Twin`.
         ahead: function that wraps controller and state in a predicting part; None for no predictions.
         columns: column map of the robot; empty for a recording of twin.
     """

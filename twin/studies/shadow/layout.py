@@ -15,8 +15,7 @@ POSITION, VELOCITY, MOTOR, SPEED, FORCE = 0, 3, 6, 9, 12
 """First index of each triple in the state."""
 ENCODER_COUNT = 6
 LONGEST_STEP = 2.5e-3
-"""Maximum step length (s). The springs' fastest oscillation, 120 rad/s, advances by 0.3 rad in it; see
-docs/physics.md."""
+"""Maximum step (s): the springs' fastest swing, 120 rad/s, advances by 0.3 rad in it; see docs/physics.md."""
 DITHER_NOISE = 0.5
 """Minimum encoder noise (standard deviation, counts) for white rounding errors: each sample is a new measurement."""
 TOUCH_FORCE = 0.3
@@ -30,8 +29,7 @@ JUST_CHANGED = math.sqrt(3.0)
 REPEAT_TIME = 0.004
 """Time (s) after which a repeated count is used again."""
 MAX_SQUARED_INNOVATION = 1e4
-"""Maximum squared innovation by its variance. A count beyond it appears in the residual, and is used only if it
-persists for `LONGEST_GAP`."""
+"""Maximum squared innovation by its variance; a count beyond it is used only after `LONGEST_GAP`."""
 STANDSTILL_TIME = 0.1
 """Time without a changed count (s) after which the robot is at rest."""
 INITIAL_DEVIATIONS = (1e-3, 0.05, 1e-3, 0.5, 1.0)

@@ -55,11 +55,7 @@ class ProposingTwin(Protocol):
         """Changes of parameters accepted so far. Thread-safe."""
 
     def accept(self, proposal: Any, /) -> bool:
-        """Accept `proposal` of changed parameters if it is still open; called between two slices.
-
-        Returns:
-            Whether it was accepted.
-        """
+        """Accept `proposal` if it is still open, and return whether it was; called between two slices."""
 
 
 def accepted_values(accepted: Sequence[Adaptation]) -> str:
@@ -77,14 +73,7 @@ def accepted_values(accepted: Sequence[Adaptation]) -> str:
 
 
 class AcceptButton:
-    """Parameters of a live session for viewers: button `shadow.accept`, proposal and status line. Thread-safe.
-
-    Args:
-        twin: the proposing twin; None without proposals.
-
-    Attributes:
-        line: the status line.
-    """
+    """Thread-safe viewer parameters: button `shadow.accept`, proposal (if `twin` proposes), status line."""
 
     def __init__(self, twin: ProposingTwin | None):
         self._twin, self.line = twin, ""
@@ -103,11 +92,7 @@ class AcceptButton:
         }
 
     def request(self, name: str, value: object, /) -> None:
-        """Request a change of a viewer parameter, see `Parameters`; true accepts the presently open proposal only.
-
-        Raises:
-            InputRefused: an unknown parameter, no boolean, or no open proposal.
-        """
+        """Request a viewer parameter, see `Parameters`; true accepts the open proposal; raise `InputRefused`."""
         if name in (PROPOSAL_PARAMETER, ACCEPTED_PARAMETER, LINE_PARAMETER):
             raise InputRefused(
                 f"{name} is the twin's to say; {ACCEPT_PARAMETER} = true accepts what {PROPOSAL_PARAMETER} says"
@@ -139,15 +124,7 @@ class AcceptButton:
 
 
 class TwoRobots:
-    """Drawing for viewers: the robot by its counts, and over it the plant model; a `Drawn` of the server.
-
-    Args:
-        experiment: experiment of the robot.
-        places: columns of the topics in a row.
-
-    Attributes:
-        forms: see `Drawn`.
-    """
+    """Drawing for viewers, see `Drawn`: the robot by its counts, and over it the plant model."""
 
     def __init__(self, experiment: Experiment, places: Mapping[str, slice]):
         self._geometry, self._places = geometry_of(experiment.plant), places
@@ -179,14 +156,7 @@ class TwoRobots:
 
 
 class ShadowViewer:
-    """Connection of a session to viewers; slow viewers do not delay the session.
-
-    Args:
-        server: server that does not wait for its first viewer.
-        topics: ports of the twin's topics.
-        experiment: experiment of the robot.
-        twin: see `AcceptButton`.
-    """
+    """Connection to viewers through a server that never waits; slow viewers do not delay the session."""
 
     def __init__(
         self,
@@ -216,7 +186,6 @@ class ShadowViewer:
         return text or ""
 
     def say(self, line: str) -> None:
-        """Show the status line to the viewers."""
         self._button.line = line
         self._server.send_parameters([LINE_PARAMETER])
 

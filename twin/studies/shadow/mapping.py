@@ -36,11 +36,7 @@ def wanted_signals(belief: Belief) -> dict[str, WantedSignal]:
 def followed_columns(
     where: str, columns: Mapping[str, MappedColumn], wanted: Mapping[str, WantedSignal]
 ) -> dict[str, MappedColumn]:
-    """Select the mapped columns that the twin follows; a map may serve other commands, too.
-
-    Raises:
-        LogError: an encoder is missing, or a column names no topic; all errors.
-    """
+    """Select the mapped columns that the twin follows; a map may serve other commands, too."""
     found = {name: column for name, column in columns.items() if name == TIME_SIGNAL or name in wanted}
     others = [name for name in columns if name not in found]
     mistakes = [
@@ -59,11 +55,7 @@ def followed_columns(
 
 
 def readings_of(log: Log, belief: Belief) -> Iterator[Arrival]:
-    """Yield the samples of a table, or of a recording of twin, as arrivals, each at its own time.
-
-    Raises:
-        LogError: no encoders, see `robot_samples`.
-    """
+    """Yield the samples of a table, or of a recording of twin, as arrivals, each at its own time."""
     robot = robot_samples(log, belief)
     for name, one in wanted_signals(belief).items():
         if one.column not in (*ENCODER_COLUMNS, F_Z.start) and name in log.series:

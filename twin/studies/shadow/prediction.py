@@ -1,7 +1,4 @@
-"""Prediction of the filter's state and covariance over one step, and its derivative.
-
-docs/identification_method.md has the derivation.
-"""
+"""Prediction of the filter's state and covariance over one step, derived in docs/identification_method.md."""
 
 import math
 
@@ -48,8 +45,7 @@ def _extrapolate(a, rate, t):
 
 @njit(cache=True, error_model="numpy")
 def pose(m):
-    """Compute joint angles and Jacobian at the filter's estimated position into `m.theta_l` and `m.J`; NaN outside the
-    workspace."""
+    """Compute joint angles and Jacobian at the estimated position in `m.theta_l`, `m.J`; NaN outside the workspace."""
     p = m.parameters
     for leg in range(3):
         k_r, k_z, r, w, h, q = leg_vectors(p, leg, m.x[0], m.x[1], m.x[2])
@@ -82,8 +78,7 @@ def linearise(m, special):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def stiffness(m, leg):
-    """Compute the spring's stiffness d tau_load / d theta_m (N m/rad) and torque tau_load (N m) of a leg; 0 inside the
-    dead zone."""
+    """Compute a leg's stiffness d tau_load / d theta_m (N m/rad) and torque tau_load (N m); 0 inside the dead zone."""
     p, theta_m = m.parameters, m.x[MOTOR + leg]
     d = loaded_deflection(p, m.anchors, leg, theta_m, m.theta_l[leg])
     high = loaded_deflection(p, m.anchors, leg, theta_m + BY_ANGLE, m.theta_l[leg])
@@ -209,8 +204,7 @@ def wander(m, h, commanded, touching):
 
 @njit(cache=True, error_model="numpy")
 def heading(m, h):
-    """Compute the angle (rad) that the platform's direction of motion across the surface turns through in `h` (s), from
-    its slow velocity `m.slow`."""
+    """Compute the angle (rad) that the motion across the surface turns in `h` (s), from the slow velocity `m.slow`."""
     s_x, s_y, across = m.slow[0], m.slow[1], h / HEADING_TIME
     d_x, d_y = across * (m.x[VELOCITY] - s_x), across * (m.x[VELOCITY + 1] - s_y)
     m.slow[0], m.slow[1] = s_x + d_x, s_y + d_y

@@ -24,9 +24,7 @@ class ReceivedSlice:
     """Messages and samples received since the last slice.
 
     Attributes:
-        arrivals: messages.
         samples: completed samples, in order.
-        unread: error messages of unreadable messages.
         late: delays after their samples (s) of the estimates that missed their deadline.
     """
 
@@ -43,7 +41,6 @@ class Receiver:
     previous one, or after the waiting time.
 
     Args:
-        source: source of messages or readings.
         readers: reader by topic.
         aligner: aligner of the readings.
         estimate: called with each sample in the receiving thread; None if estimates are not urgent.
@@ -76,7 +73,6 @@ class Receiver:
         return self._thread.native_id
 
     def start(self) -> None:
-        """Start the thread that receives messages."""
         self._thread.start()
 
     def stop(self) -> None:
@@ -86,14 +82,7 @@ class Receiver:
             self._thread.join()
 
     def drain(self, end: bool = False) -> ReceivedSlice:
-        """Return all messages and samples received since the last call.
-
-        Args:
-            end: whether the source has ended.
-
-        Raises:
-            LogError: an unreadable message before the first sample.
-        """
+        """Return all messages and samples received since the last call; `end`: whether the source has ended."""
         with self.lock:
             if self._failure is not None:
                 raise self._failure

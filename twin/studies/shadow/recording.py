@@ -24,15 +24,10 @@ class ShadowRecording:
     The robot's messages have their arrival times relative to the first sample's, so that delays are visible.
 
     Args:
-        path: the finished file.
         topics: ports of the twin's topics.
         others: topics of the robot.
         model: belief about the robot.
-        source: name of the robot's source.
         first: stamp and arrival of the first sample, ns.
-
-    Raises:
-        RecordingFailed: (each method) the file cannot be written.
     """
 
     def __init__(
@@ -70,7 +65,6 @@ class ShadowRecording:
         self._writer.end_slice()
 
     def event(self, happening: Happening, level: str = "WARNING") -> None:
-        """Write an event to the recording."""
         self._writer.write_event(max(0, round(happening.t / NANOSECOND_TICK)), level, happening.text, "shadow")
 
     def flush(self) -> None:
@@ -83,5 +77,4 @@ class ShadowRecording:
         return self._writer.finish()
 
     def abandon(self) -> Path:
-        """Close the incomplete recording; return its path."""
         return self._writer.abandon()

@@ -55,7 +55,6 @@ SPRING_CHANGE, CONTACT_CHANGE = 0.02, 0.25
 PLACE_SIZE = 5e-3
 """Minimum extent (m) of positions that determine a slope."""
 MIN_SAMPLES = 100
-"""Minimum number of samples, and of force values."""
 MIN_GROUPS = 4
 """Minimum number of groups of windows, 2 s each, for their scatter."""
 SPRING_PRECISION = 1e-3
@@ -75,11 +74,8 @@ class ParameterChange(NamedTuple):
     """Believed and identified value of one parameter.
 
     Attributes:
-        name: name in texts.
         field, leg: field of `PlantParameters` and its leg; -1 for all.
-        was: believed value.
         now: found value; None if not determined.
-        unit: SI unit.
         least: minimum change.
         why: reason if not determined.
     """
@@ -111,12 +107,7 @@ class ParameterChange(NamedTuple):
 
 @dataclass(frozen=True)
 class Adaptation:
-    """Proposal of changed plant parameters after an alarm.
-
-    Attributes:
-        t: time of the search (s).
-        changes: at least one change.
-    """
+    """Proposal of at least one changed plant parameter after an alarm, with the time of the search (s)."""
 
     t: float
     changes: tuple[ParameterChange, ...]
@@ -125,7 +116,6 @@ class Adaptation:
         return "; ".join(str(one) for one in self.changes)
 
     def apply_to(self, plant: PlantParameters) -> PlantParameters:
-        """Return `plant` with the proposed changes applied."""
         for one in self.changes:
             assert one.now is not None
             value = one.now.value
@@ -159,12 +149,7 @@ Spring = tuple[Estimate, Estimate, bool] | None
 
 
 def torque_error(experiment: Experiment) -> float:
-    """Simulate the twin, and return the error of a motor's torque as the load of its spring: rms difference by the
-    largest load; infinite if the drives have no torque.
-
-    Raises:
-        TwinError: the run fails.
-    """
+    """Simulate the twin; return torque less load (rms, by the largest load), infinite without torques."""
     run = run_in_memory(experiment, experiment.controller_ticks)
     if not all(f"drive/{leg}.tau_motor" in run.fields() for leg in (1, 2, 3)):
         return math.inf
@@ -176,14 +161,7 @@ def torque_error(experiment: Experiment) -> float:
 def reidentify(
     samples: RobotSamples, plant: PlantParameters, believed: Belief, rotor: float, loads: bool = True
 ) -> tuple[ParameterChange, ...]:
-    """Identify springs, their zeros and the contact from `samples` since a change, and list the changes of parameters.
-
-    Args:
-        plant: present belief about the plant.
-        believed: geometry, masses, N and counts.
-        rotor: inertia of a motor (kg m2).
-        loads: whether a motor's torque is its spring's load; see `TORQUE_ERROR`.
-    """
+    """Identify springs, zeros and contact from `samples`; `rotor` (kg m2), `loads`: see `TORQUE_ERROR`."""
     slow = _slow_motion(samples, believed)
     if slow is None:
         return (*_springs([None] * 3, NO_SLOW_MOTION, plant), _contact(None, NO_SLOW_MOTION, plant))
@@ -317,8 +295,7 @@ class SampleRing:
         self._next = 0
 
     def keep(self, t: NDArray[np.float64], u: NDArray[np.float64]) -> None:
-        """Store samples of the robot at `t` (n,), s, ascending from call to call, with the filter's inputs `u` (n,
-        13)."""
+        """Store samples at `t` (n,), s, ascending from call to call, with the filter's inputs `u` (n, 13)."""
         at = (self._next + np.arange(len(t))) % MAX_SAMPLES
         self._t[at], self._u[at] = t, u
         self._next = (self._next + len(t)) % MAX_SAMPLES
@@ -331,18 +308,7 @@ class SampleRing:
 
 
 class Reidentifier:
-    """Search for changed parameters in a background thread, with a buffer of the newest samples.
-
-    Args:
-        experiment: belief about the robot.
-        wait: whether to wait for the result, so that a log gives the same result at any speed.
-
-    Attributes:
-        plant: present belief about the plant.
-        proposal: newest open proposal; None without a proposal.
-        proposals: all proposals.
-        adaptations: accepted proposals.
-    """
+    """Background search on the newest samples; `wait` gives a log the same result at any speed."""
 
     def __init__(self, experiment: Experiment, wait: bool):
         self.plant = plant_parameters(experiment.plant, experiment.contact)
@@ -359,7 +325,6 @@ class Reidentifier:
         self._asked_at = math.nan
 
     def keep(self, t: NDArray[np.float64], u: NDArray[np.float64]) -> None:
-        """Store samples for the search of changed parameters, see `SampleRing`."""
         self._ring.keep(t, u)
 
     def ask(self, since: float, t: float) -> None:
@@ -370,7 +335,6 @@ class Reidentifier:
         )
 
     def answer(self) -> str:
-        """Return the result of the search for changed parameters as a sentence; "" while the search is running."""
         assert self._answer is not None
         if not (self._wait or self._answer.done()):
             return ""
@@ -387,6 +351,5 @@ class Reidentifier:
         return f"{UNKNOWN_PARAMETER}: {'; '.join(reasons)}"
 
     def accept(self, proposal: Adaptation) -> None:
-        """Adopt the parameter values of `proposal` as the belief about the plant."""
         self.plant, self.proposal = proposal.apply_to(self.plant), None
         self.adaptations.append(proposal)

@@ -54,9 +54,7 @@ HINT_TIMEOUT = 10.0
 JOINT_SEARCH_MESSAGES = 200
 """Number of messages without a joint's name after which the joint is reported as missing."""
 MIN_PERIOD_SAMPLES = 100
-"""Minimum number of samples for a report on an irregular period."""
 MAX_LISTED_TOPICS = 6
-"""Maximum number of listed topics."""
 RATE_CHANGE = 0.1
 """Minimum relative change of the period that is an event."""
 LONGEST_STEP = 1e6
@@ -71,18 +69,13 @@ class Session:
     """Session of twin and robot: it follows a source, records and reports.
 
     Args:
-        source: the robot or a log.
         columns: columns of the signals; empty if arrivals are readings.
         wanted: column and conversion of each signal.
-        twin: the twin.
-        model: belief about the robot.
         lateness: budget for late messages (s).
         duration: maximum length (s) by the robot's stamps; infinite for no limit.
         live: whether the source is live, so that silence is an event.
-        say: receives the status line.
         announce: receives messages for terminals without a status line.
         watched: part of `twin` that raises alarms, if any.
-        viewer: live view, if any.
     """
 
     def __init__(
@@ -125,11 +118,7 @@ class Session:
         self.followed = SessionSummary(source.name)
 
     def wait_for_topics(self) -> None:
-        """Wait for the topics of the column map, and subscribe to each as soon as it is published.
-
-        Raises:
-            LogError: the type of a topic is unknown or unsupported.
-        """
+        """Wait for the topics of the column map, and subscribe to each as soon as it is published."""
         by_topic: dict[str, dict[str, MappedColumn]] = {}
         for signal, column in self._columns.items():
             if signal != TIME_SIGNAL:
@@ -161,22 +150,13 @@ class Session:
         time.sleep(0.1)
 
     def _report_once(self, text: str) -> None:
-        """Report a text unless it has been reported before, also without a terminal."""
         if text != self._announced:
             self._announced = text
             self._announce(text)
         self._say(text)
 
     def follow(self, path: Callable[[], Path]) -> SessionSummary:
-        """Follow the robot until the source ends, the duration is over, or Ctrl-C; return the summary of the session.
-
-        Args:
-            path: returns the path of the recording, called at the first sample.
-
-        Raises:
-            InputRefused: the data are not of this robot.
-            RecordingFailed: the file cannot be written.
-        """
+        """Follow the robot to the end of source or duration, or Ctrl-C; the first sample calls `path`."""
         if self._live:
             self._receiver.start()
         try:
@@ -345,7 +325,8 @@ class Session:
         """Find the cause of a silence of the robot: a missing topic, a missing joint, or values that are not finite."""
         since = self._source.now_ns() - SILENCE_TIMEOUT * 1e9
         columns = {signal: column.name for signal, column in self._columns.items() if signal != TIME_SIGNAL}
-        for topic in sorted({columns[signal].partition(".")[0] for signal in columns if self._is_encoder(signal)}):
+        encoders = [signal for signal in columns if self._wanted[signal].column in ENCODER_COLUMNS]
+        for topic in sorted({columns[signal].partition(".")[0] for signal in encoders}):
             if self._receiver.heard.get(topic, 0) < since:
                 count = count_text(self._source.publisher_count(topic), "publisher")
                 return f"nothing has come of {topic}, which has {count}" if self._live else f"nothing comes of {topic}"
@@ -354,9 +335,6 @@ class Session:
         if names:
             return f"no message has {', '.join(names[:MAX_LISTED_TOPICS])}"
         return "the encoders' values are not finite" if self._receiver.heard else "nothing has come"
-
-    def _is_encoder(self, signal: str) -> bool:
-        return self._wanted[signal].column in ENCODER_COLUMNS
 
     def _watch_publishers(self) -> None:
         """Report topics with more than one publisher, which may contradict each other."""
@@ -420,7 +398,6 @@ class Session:
         one.notes += [f"{count} publishers on {topic}" for topic, count in self._several.items()]
 
     def line(self) -> str:
-        """Format the status line of the session, below 80 columns."""
         counts, period = self._aligner.counts, self._aligner.period
         if self.followed.silent and self._newest is not None:
             quiet = (self._source.now_ns() - self._newest) / 1e9

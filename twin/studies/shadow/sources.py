@@ -16,7 +16,6 @@ from twin.studies.shadow.mapping import followed_columns, readings_of
 
 TRANSPORT_NAMES = ("ros2", "zenoh")
 JOINT_NAMES = ("m1", "m2", "m3", "l1", "l2", "l3")
-"""Joint names of a map template."""
 
 
 def transport_of(source: str) -> str:
@@ -26,11 +25,7 @@ def transport_of(source: str) -> str:
 
 
 def refuse_source(source: str) -> None:
-    """Reject an invalid `--source` text before anything is loaded.
-
-    Raises:
-        InputRefused: no topic after a transport, or no file.
-    """
+    """Reject an invalid `--source` text before anything is loaded."""
     transport = transport_of(source)
     if transport and not source.partition(":")[2].startswith("/"):
         raise InputRefused(f"--source {source}: expected a topic that begins with /, such as {transport}:/joint_states")
@@ -53,16 +48,11 @@ def open_source(
     live.
 
     Args:
-        source: text of the command line.
         columns: columns of the map.
         wanted: signals that a map may name.
-        belief: converts angles of a log to counts.
         speed: pace of a log.
         notes: list that receives notes on missing data of a log.
         part: start and end (s) of the part of a log, see `read_log`.
-
-    Raises:
-        InputRefused: no such source, or the map does not fit.
     """
     transport, _, topic = source.partition(":")
     if transport_of(source):
@@ -94,11 +84,6 @@ def open_source(
 
 
 def live_source(transport: str, name: str) -> RobotSource:
-    """Open a live source of robot messages by the name of its transport.
-
-    Raises:
-        InputRefused: its package is not installed, or the network is unusable.
-    """
     if transport == "zenoh":
         from twin.kernel.recording.sources.zenoh_topics import ZenohSource
 

@@ -41,11 +41,7 @@ def _find_source(asked: ArgumentValues) -> None:
 def _limits(
     fleet: Path | None, experiment: Path, settings: Sequence[str], say: Say
 ) -> "tuple[Tolerances | RateTolerances | None, str]":
-    """Load or compute the alarm's tolerances for an experiment. Return them, or None, and the reason if missing.
-
-    Raises:
-        InputRefused: `fleet` is given and cannot be used; all errors of the file.
-    """
+    """Load or compute the alarm's tolerances for an experiment. Return them, or None, and the reason if missing."""
     from twin.kernel.errors import TwinError
     from twin.robot.experiment.experiment_files import experiment_file
     from twin.studies.shadow.tolerances import FLEET_FILE, shipped_fleet, tolerances_of
@@ -66,7 +62,6 @@ def _announce(text: str) -> None:
 
 
 def _print(text: str) -> None:
-    """Print a message of the session to standard error, over the status line."""
     print(("\r" if sys.stderr.isatty() else "") + terminal_text(text), file=sys.stderr, flush=True)
 
 
@@ -126,9 +121,6 @@ def shadow(
     2 input refused.
 
     Example: twin shadow fig4_force_position --source results/fig4_force_position --speed 0
-
-    Raises:
-        InputRefused: source, map, experiment or folder cannot be used, or the data are not of this robot.
     """
     from contextlib import ExitStack
     from datetime import datetime

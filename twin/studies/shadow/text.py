@@ -31,7 +31,6 @@ RESIDUAL_UNITS = {
 }
 """Text, unit and scale by kind of residual."""
 UNITS = {"force": "N", "plant joint": "rad", "command": "rad/s"}
-"""SI unit by kind of residual."""
 
 
 def status_line(t: float, period: float, late: float, counts: Counts, NIS: float, level: float, joints: float) -> str:
@@ -41,9 +40,7 @@ def status_line(t: float, period: float, late: float, counts: Counts, NIS: float
         t: time of the last sample (s).
         period: period of the samples (s); infinite if unknown.
         late: 99 % quantile of the messages' lateness (s).
-        counts: counts of samples.
         NIS: mean NIS per count of the last second.
-        level: level of the alarm.
         joints: largest mean joint residual of the last second (rad).
     """
     gaps = count_text(counts.gaps, "gap")
@@ -209,27 +206,13 @@ def shadow_facts(followed: SessionSummary, name: str) -> dict[str, object]:
             "parted_s": verdict.since,
             "measured": followed.measured_signals,
             "alarm_states": None if followed.changes is None else [_change(one) for one in followed.changes],
-            "ahead": _ahead_facts(followed.ahead) if followed.ahead else None,
+            "ahead": followed.ahead,
             "notes": followed.notes,
         }
     )
 
 
 def _change(one: WatchEvent) -> dict[str, object]:
-    """Convert a change of the alarm's state with its evidence to JSON."""
     evidence = {"channel": one.channel, "unit": CHANNELS[one.channel][2], "size": one.size, "since_s": one.since,
                 "level": one.level} if one.channel else {}  # fmt: skip
     return {"t_s": one.t, "state": str(one.state), "alarm": one.alarm, "text": str(one), **evidence}
-
-
-def _ahead_facts(foreseen: PredictionScore) -> dict[str, object]:
-    return {
-        "predictions": foreseen.predictions,
-        "in_band": foreseen.share,
-        "error_rms_N": foreseen.error.rms,
-        "last_value_rms_N": foreseen.hold_error.rms,
-        "what_if": {
-            name: {"rms_N": apart.rms, "largest_N": apart.largest, "at_s": apart.largest_time}
-            for name, apart in foreseen.what_if_differences.items()
-        },
-    }

@@ -41,12 +41,7 @@ CHECKED_FAULTS = (
 
 
 def tolerances_of(fleet: Fleet, say: Say = ignore_progress) -> tuple[RateTolerances, str]:
-    """Load or compute the alarm's tolerances for a fleet, by sampling rate. Return them and their origin: shipped,
-    cached or computed.
-
-    Raises:
-        TwinError: a robot of the fleet cannot be simulated.
-    """
+    """Load or compute the alarm's tolerances by sampling rate; return them and their origin; raise `TwinError`."""
     twin, digest = fleet.twin(), fleet_digest(fleet)
     cached = cache_folder("shadow") / f"{digest}.json"
     for path in (SHIPPED_FOLDER / f"{twin.name}.json", cached):
@@ -59,7 +54,6 @@ def tolerances_of(fleet: Fleet, say: Say = ignore_progress) -> tuple[RateToleran
 
 
 def shipped_fleet(experiment: Path, settings: tuple[str, ...] = (), path: Path = FLEET_FILE) -> Fleet:
-    """Read the shipped fleet of healthy robots around an experiment with `settings`."""
     return read_fleet(path, experiment, settings=settings)
 
 
@@ -92,7 +86,6 @@ def read_tolerances(path: Path, digest: str) -> RateTolerances | None:
 
 
 def write_tolerances(path: Path, digest: str, limits: RateTolerances) -> None:
-    """Write the alarm's tolerances to `path`; SI units."""
     rates = {f"{rate:g}": asdict(one) for rate, one in limits.items()}
     write_text(path, json_text({"digest": digest, "rates_Hz": rates}, indent=1) + "\n")
 

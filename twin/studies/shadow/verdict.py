@@ -30,7 +30,6 @@ class RunningStatistics:
     """Running statistics of one residual of a session.
 
     Attributes:
-        count: number of values.
         mean, rms: mean and root mean square of all values.
         largest, largest_time: value of largest size, and its time (s).
         recent: mean over the last second.
@@ -88,21 +87,14 @@ class SessionSummary:
     """Summary of a session with a robot: counts, residuals, alarms and predictions.
 
     Attributes:
-        source: name of the source.
-        recording: path of the recording.
         seconds: time from the first to the last sample, by the robot's stamps.
-        counts: counts of samples.
         period: sampling period (s); infinite without a clock.
-        lateness: lateness of messages.
         offset, drift: offset and drift of the robot's clock, see `Clocks`.
-        in_hand: times from due samples to their estimates.
         missed: number of estimates later than a period after their samples.
         residuals: `force` (N), `plant joint 1` .. `plant joint 3` (rad), `command 1` .. (rad/s); `NIS` per count in
             motion.
         dropped: number of messages lost by the transport or by a full queue.
-        notes: further sentences.
         changes: changes of the alarm's state; None without an alarm.
-        no_alarm: reason for the missing alarm.
         caution: caution for alarms; "" for an identified robot.
         ahead: score of the predictions; None without predictions.
         measured_signals: names of the `SIGNAL_COLUMNS` that arrived.
@@ -139,13 +131,7 @@ class SessionSummary:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict of a session of robot and twin.
-
-    Attributes:
-        kind: "match", "part" (they diverge) or "not watched".
-        since: time of divergence (s); NaN if robot and twin match.
-        text: half a sentence.
-    """
+    """Verdict of a session: "match", "part" (they diverge) or "not watched"; `since` (s) is NaN if they match."""
 
     kind: str
     since: float
@@ -153,12 +139,7 @@ class Verdict:
 
 
 def gross_disagreement(residuals: Mapping[str, RunningStatistics], mistake: str = "") -> Verdict | None:
-    """Judge residuals that are too large for any healthy robot, or a wrong column map; None if neither applies.
-
-    Args:
-        residuals: residuals of a session.
-        mistake: error of the column map, see `MapCheck`.
-    """
+    """Judge residuals that are too large for any healthy robot, or a wrong column map; None if neither applies."""
     if mistake:
         return Verdict("part", 0.0, f"robot and twin part: {mistake}")
     for name, one in residuals.items():
@@ -178,7 +159,6 @@ def gross_disagreement(residuals: Mapping[str, RunningStatistics], mistake: str 
 
 
 def verdict_of(followed: SessionSummary) -> Verdict:
-    """Judge a finished session: robot and twin match, diverge, or were not watched."""
     alarm = next((one for one in followed.changes or () if one.alarm), None)
     if alarm is not None:
         caution = f"; {followed.caution}" if followed.caution else ""

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.errors import InputRefused
+from twin.kernel.serialise import to_dict
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.metrics.response import Curve
 from twin.studies.packing import text_of, values_of
-from twin.studies.paper.claim import finding_to_dict
 from twin.studies.paper.fig4 import fig4_score
 from twin.studies.paper.fig4_measures import MIN_DURATION, Fig4Runs
 
@@ -21,21 +21,13 @@ COMPANION_SETTING = 'controller.mode="position"'
 
 
 def pack_curves(curves: Mapping[str, tuple[Curve, Curve]], end: float) -> dict[str, Any]:
-    """Resample curves of a run at a common period and encode them for JSON.
-
-    Args:
-        curves: name -> (times (s), values), each (n,); times ascend.
-    """
+    """Resample curves, name -> (ascending times (s), values), at a common period and encode them for JSON."""
     t = np.arange(int(end / CURVE_PERIOD + 1e-9) + 1) * CURVE_PERIOD
     return {"period_s": CURVE_PERIOD, "of": {name: text_of(np.interp(t, *curve)) for name, curve in curves.items()}}
 
 
 def unpack_curves(stored: Mapping[str, Any]) -> tuple[Curve, dict[str, Curve]]:
-    """Decode the curves of a run that `pack_curves` stored: (times (s), name -> values).
-
-    Raises:
-        ValueError: `stored` was not written by `pack_curves`.
-    """
+    """Decode curves stored by `pack_curves` (else ValueError): (times (s), name -> values)."""
     try:
         values = {name: values_of(text) for name, text in stored["of"].items()}
     except KeyError as problem:
@@ -48,11 +40,7 @@ def unpack_curves(stored: Mapping[str, Any]) -> tuple[Curve, dict[str, Curve]]:
 
 
 def require_fig4_claims(experiment: Experiment) -> None:
-    """Refuse an experiment on which the claims of Fig. 4 cannot be judged in a sweep.
-
-    Raises:
-        InputRefused: the experiment is too short, has massage tasks or no force control.
-    """
+    """Refuse an experiment that is too short, has massage tasks or no force control for the claims of Fig. 4."""
     end = experiment.duration_ticks * experiment.cosim.tick
     if end < MIN_DURATION:
         raise InputRefused(f'{experiment.name}: ends at {end:g} s; claims = "fig4" needs {MIN_DURATION} s')
@@ -74,8 +62,7 @@ def findings(runs: Fig4Runs) -> dict[str, Any]:
     judged = [finding for finding in (*score.claims, *score.quality) if finding.claim.measure is not None]
     return {
         "claims": {
-            str(facts["claim"]): {"value": facts["measured"], "verdict": facts["verdict"]}
-            for facts in map(finding_to_dict, judged)
+            finding.claim.key: {"value": to_dict(finding.value), "verdict": finding.verdict} for finding in judged
         },
         "curves": _curves(runs),
     }

@@ -32,7 +32,6 @@ class CategoricalColumn:
 
     @classmethod
     def from_values(cls, values: Sequence[Any]) -> "CategoricalColumn":
-        """Encode values as a column of category codes."""
         typed = list(zip(map(type, values), values, strict=True))
         codes = {word: code for code, word in enumerate(dict.fromkeys(typed))}
         return cls(np.fromiter(map(codes.__getitem__, typed), np.int32, len(typed)), [word for _, word in codes])
@@ -44,11 +43,9 @@ class CategoricalColumn:
         return (self.categories[code] for code in self.codes.tolist())
 
     def select(self, rows: Positions | NDArray[np.bool_]) -> "CategoricalColumn":
-        """Return the column restricted to some rows."""
         return CategoricalColumn(self.codes[rows], self.categories)
 
     def mask(self, is_so: Callable[[Any], bool]) -> NDArray[np.bool_]:
-        """Return the mask (n,) of the rows whose category satisfies a condition."""
         return np.array([is_so(word) for word in self.categories], bool)[self.codes]
 
     @property
@@ -79,13 +76,11 @@ class Columns:
         return len(self.numbers("run"))
 
     def numbers(self, name: str) -> Numbers:
-        """Return a numeric column of a sweep's rows, (n,)."""
         found = self.by_name[name]
         assert isinstance(found, np.ndarray)
         return found
 
     def categorical(self, name: str) -> CategoricalColumn:
-        """Return a categorical column of a sweep's rows, (n,)."""
         found = self.by_name[name]
         assert isinstance(found, CategoricalColumn)
         return found
@@ -95,11 +90,9 @@ class Columns:
         return {name.partition("/")[2]: name for name in self.by_name if name.startswith(f"{group}/")}
 
     def run_number(self, row: int) -> int:
-        """Return the run number of a sweep's row."""
         return int(self.numbers("run")[row])
 
     def select(self, rows: Positions | NDArray[np.bool_]) -> "Columns":
-        """Return a sweep's columns restricted to some rows."""
         return Columns(
             {
                 name: one.select(rows) if isinstance(one, CategoricalColumn) else one[rows]
@@ -108,7 +101,6 @@ class Columns:
         )
 
     def by_run(self) -> "Columns":
-        """Return a sweep's rows sorted by run number."""
         run = self.numbers("run")
         return self if bool(np.all(run[1:] >= run[:-1])) else self.select(np.argsort(run, kind="stable"))
 
@@ -130,7 +122,6 @@ def cache_per_columns(
 
 
 def columns_of(rows: Sequence[Row]) -> Columns:
-    """Convert a sweep's rows to columns, in the same order."""
     found: dict[str, Column] = {
         name: np.array([row[name] for row in rows], np.float64) for name in ("run", "seconds", "stepping_s")
     }
@@ -159,7 +150,6 @@ def _columns(tables: Sequence[dict[str, Any]]) -> Iterator[tuple[str, list[Any]]
 
 
 def concatenate_columns(parts: Sequence[Columns]) -> Columns:
-    """Concatenate the rows of several `Columns`, at least one."""
     names = dict.fromkeys(chain.from_iterable(part.by_name for part in parts))
     return Columns(
         {name: _concatenate_parts([(part.by_name.get(name), len(part)) for part in parts]) for name in names}

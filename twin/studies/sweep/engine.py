@@ -23,7 +23,6 @@ class Job:
     """Data shared by all runs of a sweep, as sent to its worker processes.
 
     Attributes:
-        experiment: experiment file.
         recordings: folder for the recordings, one subfolder per run.
         record: runs to record, "all", "failures" or `"none"`.
         claims: "fig4" or "", see `SweepFile`.
@@ -43,7 +42,6 @@ class Job:
     files: Mapping[tuple[str | None, tuple[str, ...]], str] = field(default_factory=dict)
 
     def arguments(self, task: Task, record: str) -> dict[str, Any]:
-        """Return the arguments of the worker function for one run of the sweep."""
         return {
             "here": str(self.here),
             "experiment": str(self.here / self.experiment),
@@ -80,7 +78,6 @@ class LocalEngine:
         self._processes = processes
 
     def results(self, job: Job, tasks: Sequence[Task]) -> Generator[list[Result]]:
-        """Make the runs of a sweep in local processes and yield the results."""
         with run_pool(job, min(self._processes, len(tasks))) as pool:
             for batch in pool.answers(tasks):
                 if batch:
@@ -90,7 +87,6 @@ class LocalEngine:
 
 
 def run_pool(job: Job, processes: int) -> Pool[Task, dict[str, Any]]:
-    """Return a pool of processes that make the runs of a sweep."""
     return Pool(processes, WORKER_JOB, job.limits, functools.partial(run_facts, job))
 
 

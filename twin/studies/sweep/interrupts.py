@@ -14,10 +14,7 @@ MAX_PRESSES = 3
 
 
 class _Presses:
-    """The Ctrl-C presses during one sweep, one list entry each.
-
-    Append is atomic, while incrementing a counter could lose a press.
-    """
+    """The Ctrl-C presses during one sweep, a list, since append is atomic while a counter could lose a press."""
 
     def __init__(self) -> None:
         self.noted: list[int] = []
@@ -36,12 +33,9 @@ _presses = _Presses()
 
 @contextmanager
 def defer_interrupts() -> Iterator[None]:
-    """Defer Ctrl-C within the block until `raise_interrupt`; the third press ends the process.
+    """Defer Ctrl-C within the block until `raise_interrupt` or its end; the third press ends the process.
 
     Nothing changes outside the main thread, or where SIGINT is ignored or has a handler, such as a notebook's.
-
-    Raises:
-        KeyboardInterrupt: at the end of the block, if Ctrl-C was pressed and not raised yet.
     """
     global _presses
     if not _in_main_thread() or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
@@ -58,10 +52,7 @@ def defer_interrupts() -> Iterator[None]:
 
 
 def raise_interrupt() -> None:
-    """Raise KeyboardInterrupt if Ctrl-C was pressed during the sweep, but only once.
-
-    So the cleanup that follows is not interrupted.
-    """
+    """Raise KeyboardInterrupt once if Ctrl-C was pressed during the sweep, not during the cleanup that follows."""
     if _in_main_thread() and _presses.noted and not _presses.raised:
         _presses.raised = True
         raise KeyboardInterrupt

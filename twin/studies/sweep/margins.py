@@ -24,17 +24,7 @@ MAX_MARGIN_RUNS = 12
 
 
 def write_margins(plan: SweepPlan, found: SweepRows, folder: Path, engine: Engine, limits: JobLimits, say: Say) -> None:
-    """Compute and store the stability margins of a sweep's runs with the smallest hold errors.
-
-    Nothing is done if they exist already or claims are judged.
-
-    Args:
-        found: rows of `plan`, stored in `folder`.
-        engine, limits: see `run_sweep`.
-
-    Raises:
-        KeyboardInterrupt, TwinError: see `run_sweep`.
-    """
+    """Store the margins of the runs with the smallest hold errors, unless they exist or claims are judged."""
     keys = {*found.columns.categorical("key").select(best_rows(found, SweepQuery(HOLD_ERROR, "", MAX_MARGIN_RUNS)))}
     if plan.definition.claims or keys <= found.margins.keys():
         return

@@ -17,7 +17,6 @@ BY_COLUMN = {measure.column: measure for measure in MEASURE_ROWS}
 """Column name in a sweep -> measure of `twin.robot.run.measures`."""
 METRICS = tuple(BY_COLUMN)
 HOLD_ERROR, HOLD_OVERSHOOT, SETTLING_TIME, CHATTER_AMPLITUDE = (ROWS_BY_KEY[key].column for key in HEADLINE_KEYS)
-"""Columns of the headline measures."""
 FELT_STIFFNESS = ROWS_BY_KEY["felt_stiffness"].column
 SINCE_TOUCH = ROWS_BY_KEY["force_error"].column
 BY_KIND: dict[str, tuple[str, ...]] = {
@@ -62,7 +61,6 @@ class RunFinding:
 
     @property
     def row_fields(self) -> dict[str, Any]:
-        """Outcome of a run as fields of its row, for JSON."""
         return {
             "status": self.status,
             "reason": self.reason,
@@ -80,7 +78,6 @@ def failure(reason: str) -> dict[str, Any]:
 
 
 def metrics_of(outcome: "RunOutcome") -> dict[str, float | None]:
-    """Return the metrics of a run's outcome by name, in their units."""
     found = ((measure, outcome.measures[measure.key].value) for measure in MEASURE_ROWS)
     return {measure.column: None if value is None else measure.unit.per_SI * value for measure, value in found}
 
@@ -91,11 +88,6 @@ def metric_names(measures: Sequence["Measure"]) -> tuple[str, ...]:
 
 
 def require_metric(place: str, metric: str, known: Sequence[str]) -> str:
-    """Return the name of a metric after checking that it is known.
-
-    Raises:
-        InputRefused: the metric is unknown; the message names `place`.
-    """
     if metric not in known:
         raise InputRefused(f"{place} {metric}: no such metric; {nearest(metric, known)}")
     return metric

@@ -16,10 +16,6 @@ def write_parquet(sweep: SweepRows, path: Path) -> None:
 
     Columns: run, drive, each parameter by its key, each metric, status, reason, within_limits, seconds, stepping_s,
     key. Missing values are null.
-
-    Raises:
-        InputRefused: pyarrow is not installed.
-        NotWritten: the file cannot be written.
     """
     try:
         import pyarrow as pa

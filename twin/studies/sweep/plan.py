@@ -31,7 +31,6 @@ Value = bool | int | float | str
 _DISTRIBUTION_KEYS = {"normal": ("mean", "std"), "lognormal": ("median", "sigma")}
 _TOML_KEYS = {"low": "from", "high": "to"}
 MAX_PLANNED_RUNS = 10_000_000
-"""Maximum number of runs planned in memory."""
 _END_MARGIN = 2.0**-53
 """Half a unit in the last place of 1; keeps draws away from 0 and 1, where quantiles are infinite."""
 
@@ -89,7 +88,6 @@ class Vary(_SweepTable):
         return self.when is None or (self.when.key in chosen and chosen[self.when.key] == self.when.value)
 
     def levels(self) -> tuple[Value, ...]:
-        """Return the values that the keys of this [[vary]] table take in a grid."""
         if self.values is not None:
             return tuple(self.values)
         assert self.low is not None and self.high is not None and self.count is not None
@@ -116,12 +114,7 @@ class Vary(_SweepTable):
 
 
 def contradictions(vary: Vary, sampled: bool, known: Sequence[str]) -> list[str]:
-    """Return error messages for missing, superfluous or contradictory keys of a [[vary]] table.
-
-    Args:
-        sampled: whether the design draws samples; a grid has levels.
-        known: labels that a condition may name.
-    """
+    """Return errors for missing, superfluous or contradictory keys; `sampled` designs draw, grids have levels."""
     mistakes = _name_mistakes(vary)
     needed: tuple[str, ...] = _DISTRIBUTION_KEYS.get(vary.distribution or "", ("low", "high"))
     if vary.values is not None:
@@ -175,7 +168,6 @@ class SweepFile(BaseModel):
         experiment: experiment file, searched from the sweep's folder upwards.
         runs: points per drive; None in a grid, whose levels determine the number. For design = "saltelli" the number of
             blocks; a block has two points more than there are parameters.
-        seed: seed of sampled designs.
         claims: "fig4" to run each point with and without force control and judge the paper's claims on both runs.
         drives: drives that each run every point; empty for the experiment's own.
         limits: metric -> maximum.
@@ -194,11 +186,6 @@ class SweepFile(BaseModel):
 
 
 def read_definition(path: Path) -> tuple[SweepFile, Path]:
-    """Load a sweep file and locate the experiment file that it names.
-
-    Raises:
-        InputRefused: the file is missing, is not TOML, or is invalid; the message lists every error.
-    """
     table = read_toml(path, "sweep file")
     # every experiment has a title, its own or that of the file it extends; a sweep file has neither
     if "experiment" not in table and table.keys() & {"title", "extends"}:
@@ -208,11 +195,7 @@ def read_definition(path: Path) -> tuple[SweepFile, Path]:
 
 
 def short_definition(experiment: Path, ranges: Sequence[str], drive: str | None) -> SweepFile:
-    """Convert ranges of a command line, each "key=from:to:count", to the definition of a grid sweep.
-
-    Raises:
-        InputRefused: a range is malformed, or a key occurs twice.
-    """
+    """Convert ranges of a command line, each "key=from:to:count", to the definition of a grid sweep."""
     tables = []
     for text in ranges:
         key, _, levels = text.partition("=")
@@ -232,7 +215,11 @@ def _validate_definition(table: dict[str, Any], place: str) -> SweepFile:
         definition = SweepFile.model_validate(table)
         mistakes = _disagreements(definition)
     except ValidationError as error:
-        mistakes = [_name_vary_tables(sentence) for sentence in error_messages(error, SweepFile, "")]
+        # pydantic's names of [[vary]] tables become those of the file
+        mistakes = [
+            sentence.replace("[.vary.when]", "[[vary]] when:").replace("[.vary]", "[[vary]]").removeprefix("[] ")
+            for sentence in error_messages(error, SweepFile, "")
+        ]
     if mistakes:
         raise InputRefused("\n".join(f"{place}: {mistake}" for mistake in mistakes))
     return definition
@@ -269,10 +256,7 @@ def _disagreements(definition: SweepFile) -> list[str]:
 
 
 def why_not_saltelli(tables: Sequence[Vary]) -> list[str]:
-    """Return an error message for each varied key that design = "saltelli" does not support.
-
-    Variance shares add up only for independent parameters, and every drawn value must differ.
-    """
+    """Return an error per key that "saltelli" does not support: dependent ones, and ones with equal draws."""
     return [
         f'[[vary]] {number}: {key} does not go with design = "saltelli", whose parameters are independent numbers; '
         "remove it, or choose another design"
@@ -280,11 +264,6 @@ def why_not_saltelli(tables: Sequence[Vary]) -> list[str]:
         for key in ("values", "when")
         if getattr(vary, key) is not None
     ]
-
-
-def _name_vary_tables(sentence: str) -> str:
-    """Replace pydantic's names of [[vary]] tables in an error message by the names in the sweep file."""
-    return sentence.replace("[.vary.when]", "[[vary]] when:").replace("[.vary]", "[[vary]]").removeprefix("[] ")
 
 
 @dataclass(frozen=True)
@@ -307,11 +286,7 @@ def largest_count(definition: SweepFile) -> int:
 
 
 def points(definition: SweepFile) -> list[DesignPoint]:
-    """Generate all distinct points of a sweep's design; each drive runs the same points for comparison.
-
-    Raises:
-        InputRefused: there are more than `MAX_PLANNED_RUNS` runs.
-    """
+    """Generate all distinct points of a sweep's design; each drive runs the same points for comparison."""
     if (count := largest_count(definition)) > MAX_PLANNED_RUNS:
         raise InputRefused(
             f"{count:,} runs: more than {MAX_PLANNED_RUNS:,} cannot be planned; take fewer levels, or draw"
@@ -330,10 +305,7 @@ def points(definition: SweepFile) -> list[DesignPoint]:
 
 
 def grid(tables: list[Vary], chosen: dict[str, Value]) -> Iterator[dict[str, Value]]:
-    """Yield every combination of the varied keys' levels, the last table varying fastest.
-
-    A table whose condition fails is skipped.
-    """
+    """Yield every combination of levels, the last table varying fastest; skip tables whose condition fails."""
     if not tables:
         yield dict(chosen)
         return
@@ -374,7 +346,6 @@ def _draw_point(tables: list[Vary], chosen: dict[str, Value], u: NDArray[np.floa
 
 
 def block_width(dimensions: int) -> int:
-    """Return the number of runs in one block of a Saltelli design."""
     return dimensions + 2
 
 
@@ -406,9 +377,6 @@ class Task:
     Attributes:
         run: number, from 1.
         key: hash of all inputs of the run, see `SweepPlan`.
-        drive: drive; None for the experiment's own.
-        parameters: label -> value.
-        settings: settings for `load_experiment`.
     """
 
     run: int
@@ -423,9 +391,6 @@ class SweepPlan:
     """The validated plan of a sweep: all of its runs.
 
     Attributes:
-        name: name of the sweep file.
-        definition: content of the sweep file.
-        experiment: experiment file.
         tasks: all runs, once each. A key is the hash of all inputs of the result: version of twin, the experiment's
             values, the FMUs' SHA-256, drive and settings.
         metrics: names of the metrics that a run can have.
@@ -441,11 +406,6 @@ class SweepPlan:
 
 
 def read_plan(path: Path) -> SweepPlan:
-    """Load a sweep file and plan its runs.
-
-    Raises:
-        InputRefused: see `read_definition` and `plan_of`.
-    """
     definition, experiment = read_definition(path)
     return plan_of(definition, experiment, path.stem, str(path))
 
@@ -454,13 +414,8 @@ def plan_of(definition: SweepFile, experiment: Path, name: str, source: str, set
     """Plan the runs of a sweep, after loading the first and the extreme runs.
 
     Args:
-        experiment: experiment file.
-        name: name of the sweep.
         source: origin of the definition, shown in error messages.
         settings: settings for `load_experiment`, applied to every run.
-
-    Raises:
-        InputRefused: the design has zero runs, a run's values make no valid experiment, or a limit names no metric.
     """
     drafts = [(point, (*settings, *_settings(definition, point))) for point in points(definition)]
     if not drafts:
@@ -510,23 +465,12 @@ def _extremes(drafts: Sequence[Draft]) -> Iterable[Draft]:
 
 
 def text_settings(settings: Sequence[str]) -> tuple[str, ...]:
-    """Return the settings whose value is a text, out of settings "key=value".
-
-    A text can name a file (a body, an FMU), a number cannot. So runs with equal drive and text settings read the same
-    files.
-    """
+    """Return the settings with a text, which alone can name a file (a body, an FMU): equal ones read the same files."""
     return tuple(text for text in settings if text.endswith('"'))
 
 
 def files_digest(experiment: Path, drive: str | None, settings: tuple[str, ...]) -> str:
-    """Return the hash of the files that a run of a sweep reads, and of the values in them.
-
-    Args:
-        drive, settings: drive and settings of the run; only the `text_settings` count.
-
-    Raises:
-        InputRefused: the settings make no valid experiment.
-    """
+    """Return the hash of the files that a run reads, and of their values; only `text_settings` count."""
     return _RunFiles(str(experiment), experiment, False).load(drive, text_settings(settings))[1]
 
 
@@ -557,11 +501,7 @@ class _RunFiles:
         return self._found[files]
 
     def load(self, drive: str | None, settings: tuple[str, ...]) -> "tuple[Experiment, str, dict[str, str]]":
-        """Load the experiment of a run; return it with the hash of its files and the SHA-256 of its third-party parts.
-
-        Raises:
-            InputRefused: drive and settings make no valid experiment.
-        """
+        """Load the experiment of a run; return it with its file hash and the SHA-256 of its third-party parts."""
         # Importing the FMU tool chain is slow.
         from twin.robot.assembly.drives import plan_drive as planned_drive
         from twin.robot.assembly.load import load_experiment

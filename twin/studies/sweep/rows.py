@@ -68,7 +68,6 @@ _ROW_ADAPTER: TypeAdapter[Any] = TypeAdapter(RowShape)
 
 
 def load_json(text: str | bytes, shape: TypeAdapter[Any]) -> dict[str, Any] | None:
-    """Parse a JSON text and check its structure; None if either fails."""
     try:
         found = json.loads(text)
         shape.validate_python(found)
@@ -79,10 +78,7 @@ def load_json(text: str | bytes, shape: TypeAdapter[Any]) -> dict[str, Any] | No
 
 
 def _row(line: bytes) -> Row | None:
-    """Parse a line of a sweep's rows; None if invalid.
-
-    The slower standard library is the fallback for texts the fast parser rejects.
-    """
+    """Parse a line of rows; None if invalid. The slower standard library reads texts that the fast parser rejects."""
     try:
         found: Row = _ROW_ADAPTER.validate_json(line)
     except ValidationError:
@@ -95,11 +91,7 @@ class DiskError(ComponentFailed):
 
 
 def read_rows(path: Path) -> list[Row]:
-    """Load the complete rows of a sweep's file with all fields, oldest first; of duplicate keys the first wins.
-
-    Raises:
-        InputRefused: see `read_columns`.
-    """
+    """Load the complete rows of a sweep's file with all fields, oldest first; of duplicate keys the first wins."""
     rows: dict[str, Row] = {}
     for row, line, _ in _whole_lines(path):
         rows.setdefault(row["key"], json.loads(line))
@@ -125,10 +117,7 @@ def read_columns(path: Path) -> tuple[Columns, int]:
 
 
 def _whole_lines(path: Path) -> Iterator[tuple[Row, bytes, int]]:
-    """Yield (row, line, file offset of the line's end) for each complete line of a sweep's rows.
-
-    Nothing is yielded without a file.
-    """
+    """Yield (row, line, file offset of the line's end) of each complete line, nothing without a file."""
     if not os.path.lexists(path):
         return
     end = 0
@@ -144,15 +133,7 @@ def _whole_lines(path: Path) -> Iterator[tuple[Row, bytes, int]]:
 
 
 class RowFile:
-    """The file of a sweep's rows, opened for appending and locked; a context manager.
-
-    Attributes:
-        before: rows in the file when it was opened, oldest first.
-        count: number of rows in the file now.
-
-    Raises:
-        InputRefused: the file cannot be opened, is not a file of rows, or is locked by another sweep.
-    """
+    """The rows' file, opened for appending and locked, a context manager; `before`: rows found, oldest first."""
 
     def __init__(self, path: Path):
         # Windows has neither fcntl nor guarded processes.
@@ -180,11 +161,7 @@ class RowFile:
         os.close(self._fd)
 
     def add(self, batch: list[Row]) -> None:
-        """Append rows to the sweep's file and flush it to the disk, so that they survive a crash or a power cut.
-
-        Raises:
-            DiskError: the disk is full or failed; nothing of the batch is then in the file.
-        """
+        """Append rows and flush them to the disk; after a `DiskError` no row of the batch is in the file."""
         content = b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in batch)
         remedy = f"{self.count} finished runs are kept. Make room, then repeat the command to continue"
         with translate_disk_errors(self.path, kind=DiskError, remedy=remedy):

@@ -53,10 +53,8 @@ class RunMargins(TypedDict):
     """Stability margins of a run's force loop, the smallest over the places where the robot presses.
 
     Attributes:
-        run: run number.
         gain: gain margin, the largest stable factor on the gain; None if unlimited.
         phase_rad: phase margin; None if the loop's gain never reaches 1.
-        reason: reason for missing margins; "" if the margins exist.
     """
 
     run: WholeNumber
@@ -73,11 +71,8 @@ class SweepRows:
     """A stored sweep: its definition and the rows of its finished runs.
 
     Attributes:
-        name: name of the sweep.
         runs: number of planned runs, over all drives.
         design, drives, limits: see `SweepFile`.
-        labels: labels of the varied keys, in the order of the file.
-        metrics: names of the metrics that a run can have.
         columns: rows of finished runs, by run.
         read: function that loads the rows as written.
         margins: row key -> margins of a best run; empty if margins were not computed.
@@ -96,20 +91,12 @@ class SweepRows:
 
     @cached_property
     def rows(self) -> list[Row]:
-        """Rows of the sweep as written, with curves, sorted by run.
-
-        Loading them takes ten times as long as loading columns.
-        """
+        """Rows as written, with curves, sorted by run; loading them takes ten times as long as columns."""
         return sorted(self.read(), key=lambda row: row["run"])
 
 
 def claim(folder: Path, plan: "SweepPlan") -> None:
-    """Claim a folder for a sweep: write sweep.json, or check that the folder already belongs to the same plan.
-
-    Raises:
-        InputRefused: the folder belongs to another sweep, or cannot be created.
-        NotWritten: the disk refuses.
-    """
+    """Claim a folder for a sweep: write sweep.json, or check that the folder already belongs to the same plan."""
     facts = _read_json(folder / SWEEP_FILE, _FACTS_ADAPTER)
     if facts:
         changed = [what for what, digest in plan.configuration.items() if facts["configuration"].get(what) != digest]
@@ -137,11 +124,6 @@ def claim(folder: Path, plan: "SweepPlan") -> None:
 
 
 def stored_sweep(folder: Path) -> SweepRows:
-    """Load the sweep stored in a folder.
-
-    Raises:
-        InputRefused: the folder has no sweep, or see `read_columns`.
-    """
     facts = _read_json(folder / SWEEP_FILE, _FACTS_ADAPTER)
     if not facts:
         raise InputRefused(
@@ -159,7 +141,6 @@ def stored_sweep(folder: Path) -> SweepRows:
 
 
 def _read_json(path: Path, shape: TypeAdapter[Any]) -> dict[str, Any]:
-    """Load and validate a JSON file of a sweep's folder; return {} if it is missing."""
     if not os.path.lexists(path):
         return {}
     facts = load_json(read_bytes(path), shape)

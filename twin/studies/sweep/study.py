@@ -21,9 +21,7 @@ MAX_UNASKED_RUNS = 100_000
 
 
 EngineName = Literal["local", "dask"]
-"""Executor of the runs."""
 Record = Literal["none", "failures", "all"]
-"""Runs that are recorded in full."""
 By = Annotated[str | None, Option("Metric to rank by; without it, the hold error.", "METRIC", "--by")]
 
 
@@ -56,11 +54,6 @@ def sweep_run(
     3 the disk is full or the cluster is gone, 130 interrupted.
 
     Example: twin sweep run experiments/sweeps/stiffness_and_gain.toml --dry-run
-
-    Raises:
-        InputRefused: see `check_start` and `read_plan`; or options contradict each other.
-        StudyInterrupt: Ctrl-C, after rows were written.
-        TwinError: see `run_sweep`.
     """
     from twin.robot.experiment.experiment_files import sweep_file
     from twin.studies.sweep.plan import read_definition, read_plan
@@ -99,11 +92,7 @@ def short_sweep(
     yes: bool,
     say: Say,
 ) -> Answer:
-    """Run the grid sweep that the option --sweep of `twin run` describes.
-
-    Raises:
-        InputRefused, StudyInterrupt, TwinError: see `sweep_run`.
-    """
+    """Run the grid sweep that the option --sweep of `twin run` describes."""
     from twin.robot.experiment.experiment_files import experiment_file
     from twin.studies.sweep.plan import plan_of, short_definition
     from twin.studies.sweep.stored import SWEEPS_FOLDER
@@ -121,11 +110,7 @@ def short_sweep(
 
 
 def check_start(place: str, definition: "SweepFile", sure: bool) -> None:
-    """Ask for confirmation before a sweep of many runs, unless it is confirmed already.
-
-    Raises:
-        InputRefused: sweeps are unsupported on this system, or the number of runs was not confirmed.
-    """
+    """Ask for confirmation before a sweep of many runs, unless it is confirmed already."""
     from twin.studies.sweep.plan import largest_count
 
     if os.name != "posix":
@@ -206,10 +191,6 @@ def complete_sweep(
         parquet: whether to also write rows.parquet.
         by: metric to rank by; None for the default, see `usual_metric`.
         as_json: whether the answer has facts; without `--json` the possibly many rows are left out.
-
-    Raises:
-        StudyInterrupt: Ctrl-C, after rows were written.
-        TwinError: see `run_sweep`.
     """
     from twin.studies.sweep.engine import LocalEngine
     from twin.studies.sweep.parquet import write_parquet
@@ -246,6 +227,5 @@ def complete_sweep(
 
 
 def rows_to_dict(found: "SweepRows") -> dict[str, Any]:
-    """Convert a sweep and its rows for JSON, without the curves."""
     rows = [{key: value for key, value in row.items() if key != "curves"} for row in found.rows]
     return {"sweep": found.name, "runs": found.runs, "limits": found.limits, "rows": rows}

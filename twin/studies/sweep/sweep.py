@@ -20,8 +20,7 @@ from twin.studies.sweep.stored import claim
 
 RECORDINGS_FOLDER = "runs"
 BATCH_PAUSE = 0.05
-"""Pause between batches of rows (s); writing and showing rows one by one would cost the runs a tenth of the CPU
-time."""
+"""Pause between batches of rows (s); writing and showing them one by one would cost the runs a tenth of the CPU."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +64,6 @@ def run_sweep(
     """Make the runs of a sweep that have no row in the folder yet, and store each row as it arrives.
 
     Args:
-        engine: executor of the runs.
         record: runs to record, see `Job`; recordings are written to `folder`/runs/NUMBER.
         show: progress callback, called at the start and after each batch of rows.
 
@@ -96,10 +94,7 @@ def run_sweep(
 
 
 class _Tally:
-    """Incremental summary of a sweep's rows, updated per batch.
-
-    Rescanning all rows each time would take quadratic time.
-    """
+    """Summary of a sweep's rows, updated per batch, because rescanning all rows would take quadratic time."""
 
     def __init__(self, total: int, before: Columns):
         self._total, self._before, self._began = total, len(before), time.monotonic()
@@ -126,13 +121,7 @@ class _Tally:
 
 @dataclass(frozen=True)
 class SweepEstimate:
-    """Estimated cost of the runs of a sweep in time and disk space.
-
-    Attributes:
-        start: time from the start of a worker to the end of its first run (s).
-        run: time of each further run (s).
-        size: disk space per run (bytes).
-    """
+    """Estimated cost: a worker's start and first run (s), each further run (s), disk space per run (bytes)."""
 
     start: float
     run: float

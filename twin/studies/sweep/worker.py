@@ -26,8 +26,7 @@ from twin.studies.sweep.measures import RunFinding, metrics_of
 from twin.studies.sweep.plan import files_digest, text_settings
 
 RUNS_BEFORE_SHARING = 2
-"""Runs with the same prefix that are made from the start; computing the shared prefix takes about as long as two
-runs."""
+"""Runs of one prefix made from the start; the shared prefix takes about as long as two runs."""
 NUMBERS_REQUEST, SIGNALS_REQUEST = RunRequest(tally=True), RunRequest(signals=None, tally=True, check=refuse_unknown)
 
 _runs = Runs(NUMBERS_REQUEST, RUNS_BEFORE_SHARING, most=1)
@@ -53,15 +52,9 @@ def run_task(
 
     Args:
         here: working directory; an FMU may have changed it.
-        experiment: experiment file.
-        folder: folder of the recording.
         claims: see `trial`.
         trial, record: see `Job`.
         files: expected hash of the run's files, see `files_digest`; "" to skip the check.
-
-    Raises:
-        InputRefused: the run's files have another hash.
-        RecordingFailed: the disk is full.
     """
     reporter.loading()
     os.chdir(here)
@@ -120,11 +113,7 @@ def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = 
 
 
 def record_run(path: Path, drive: str | None, settings: Sequence[str], folder: Path) -> None:
-    """Run one experiment of a sweep and record it in a folder; a failed run is recorded, too.
-
-    Raises:
-        InputRefused, NotWritten: the folder cannot be created, or the disk is full; the run is not to blame.
-    """
+    """Run one experiment of a sweep and record it in a folder; a failed run is recorded, too."""
     # The run's result comes from `trial`, so failures are ignored here.
     try:
         experiment = load_experiment(path, settings, drive)
@@ -136,7 +125,6 @@ def record_run(path: Path, drive: str | None, settings: Sequence[str], folder: P
 
 
 def _status_and_reason(problem: Exception) -> tuple[str, str]:
-    """Return (status, reason) of a sweep's run that ended with an error."""
     match problem:
         case InputRefused():
             return "refused", str(problem)
@@ -146,10 +134,7 @@ def _status_and_reason(problem: Exception) -> tuple[str, str]:
 
 
 def _simulate(experiment: Experiment, whole: bool) -> tuple[Outcome, dict[str, float | None], str]:
-    """Simulate a sweep's run; return its outcome, its metrics and the reason for a missing hold error.
-
-    All signals are kept if `whole` or if the experiment has measures.
-    """
+    """Simulate a run, with all signals if `whole` or measured; return outcome, metrics, why no hold error."""
     if not (experiment.measures or whole):
         done = _runs.run(experiment).require_success()
         return done, *_metrics_and_reason(done)

@@ -19,9 +19,6 @@ def join_fmus(fmus: Sequence[Path], lenient: bool = False) -> tuple[Package, lis
 
     An input is wired to the output of the same name in another FMU; else to the only output of the same dimension that
     feeds nothing else; else to the only output of the preceding FMUs that can feed it.
-
-    Raises:
-        InputRefused: a file is not a usable FMU, or no wire is found.
     """
     for fmu in fmus:
         if fmu.suffix.lower() != ".fmu":

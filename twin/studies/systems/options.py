@@ -73,7 +73,6 @@ class AdditionOptions:
     ] = ()
 
     def additions(self) -> "Additions":
-        """Convert the options for values, inputs and recorded variables to the kernel's form."""
         # The import loads FMPy.
         from twin.kernel.systems.additions import Additions
 
@@ -116,11 +115,6 @@ class MasterOptions:
     ] = False
 
     def choice(self) -> MasterChoice:
-        """Convert the options of the co-simulation master to the kernel's form, in SI.
-
-        Raises:
-            InputRefused: an option is malformed, or two contradict each other.
-        """
         if self.start_s is not None and not 0.0 <= self.start_s < math.inf:
             raise InputRefused(f"--start-s {self.start_s:g}: expected a number, 0 or more")
         return MasterChoice(
@@ -138,11 +132,7 @@ class MasterOptions:
 
 
 def kinds(texts: Sequence[str]) -> "dict[str, Kind]":
-    """Parse the values of `--kind [NAME=]KIND` into name -> kind, with name "" for all.
-
-    Raises:
-        InputRefused: a kind is unknown, or a name has two kinds.
-    """
+    """Parse the values of `--kind [NAME=]KIND` into name -> kind, with name "" for all."""
     found: dict[str, Kind] = {}
     known = {str(kind): kind for kind in FMU_KINDS}
     for text in texts:
@@ -155,11 +145,7 @@ def kinds(texts: Sequence[str]) -> "dict[str, Kind]":
 
 
 def steps(texts: Sequence[str]) -> dict[str, float]:
-    """Parse the values of `--step NAME=MS` into name -> step (s).
-
-    Raises:
-        InputRefused: a name or a number above 0 is missing, or a name has two steps.
-    """
+    """Parse the values of `--step NAME=MS` into name -> step (s)."""
     found: dict[str, float] = {}
     for text in texts:
         name, _, value = text.rpartition("=")
@@ -175,11 +161,7 @@ def steps(texts: Sequence[str]) -> dict[str, float]:
 
 
 def order(text: str) -> list[str]:
-    """Parse the value of `--order A,B` into a list of names.
-
-    Raises:
-        InputRefused: a name is repeated or empty.
-    """
+    """Parse the value of `--order A,B` into a list of names."""
     found: dict[str, None] = {}
     for name in (part.strip() for part in text.split(",") if text):
         if not name:

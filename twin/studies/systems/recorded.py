@@ -45,8 +45,7 @@ SCHEME_NAMES = {"gauss_seidel": "Gauss-Seidel in the order of the file", "jacobi
 SUMMARY_FILE = "summary.json"
 """File of the durations; they are kept out of the recording, which must not depend on them."""
 COSIM_FOLDER = Path("results/cosim")
-"""Folder of the runs, separate from runs of the robot: a system often has the name of the experiment it was built
-from."""
+"""Folder of the runs, apart from the robot's, since a system often has its experiment's name."""
 
 
 def run_summary(
@@ -58,7 +57,6 @@ def run_summary(
     recording: Path,
     state_every: float | None = None,
 ) -> dict[str, Any]:
-    """Return the summary of a run of a system of FMUs for JSON."""
     costs = done.costs
     # The last row, also if a component requested the end.
     end = done.simulation.next_tick - 1
@@ -139,7 +137,6 @@ def _start(part: SystemPart, variable: Variable) -> Any:
 
 
 def system_result(came: Mapping[str, Any]) -> Result:
-    """Return the report of a run of a system of FMUs."""
     when = "the end of the last step" if came["scheme"] == "jacobi" else "the last step, leading back in the order"
     unfed = [f"{name} = {value:g}" if isinstance(value, float) else f"{name} = {value}"
             for name, value in came["not_fed"].items()]  # fmt: skip
@@ -204,7 +201,6 @@ def _component(one: Mapping[str, Any], tick: float) -> str:
 
 
 def _duration(own: float | None) -> str:
-    """Format a duration that is given in microseconds."""
     return "in a loop" if own is None else f"{own:.2f} us" if own < 1e3 else f"{1e-3 * own:.1f} ms"
 
 
@@ -223,18 +219,11 @@ def record_system(
     Notes: {"experiment": name, "folder": folder of the run, "duration" (s)} before the first step.
 
     Args:
-        system: SSP archive, FMU, OspSystemStructure.xml or multi-model of Maestro.
-        choice: options of the master.
         out: folder of the run; None for results/NAME/TIME.
         compiled: whether to build FMUs without a binary for this machine from their sources.
         state_every: time between saved states (s); None to save only the last state.
         start_from: run of this system to continue, optionally with @ and the time (s) of a saved state.
         additions: values, inputs over time, and recorded variables.
-
-    Raises:
-        InputRefused: the system cannot be run, or the state does not exist; nothing has been written.
-        ComponentFailed: a component failed; the recording up to then is kept.
-        NotWritten: the disk is full; likewise.
     """
     reporter.loading()
     # Determined before an FMU is loaded, which may change the working directory.
@@ -257,17 +246,7 @@ def write_system(
     compiled: bool = False,
     additions: Additions = Additions(),  # noqa: B008, likewise
 ) -> Result:
-    """Write a system of FMUs as an SSP archive without running it.
-
-    Other arguments are those of `record_system`.
-
-    Args:
-        out: file to write; None for NAME.ssp in the current folder.
-
-    Raises:
-        InputRefused: the system cannot be run, SSP cannot express an option, or the file exists already.
-        NotWritten: the disk refuses.
-    """
+    """Write a system as `out` (default NAME.ssp here) without running it; else as `record_system`."""
     for option, asked in (
         ("--record", additions.recorded),
         ("--solver", choice.solver),
@@ -291,7 +270,6 @@ def write_system(
 def write_ssp(
     package: Package, choice: MasterChoice, out: Path | None, compiled: bool, additions: Additions
 ) -> tuple[SystemPlan, Path]:
-    """Write a system of FMUs as an SSP archive and return its plan and the file."""
     from twin.kernel.systems.to_ssp import ssp_archive
 
     file = out or Path(f"{package.structure.system.name}.ssp")
@@ -307,14 +285,7 @@ def write_ssp(
 def write_joined_system(
     fmus: Sequence[Path], choice: MasterChoice, out: Path | None, compiled: bool
 ) -> tuple[Path, list[Note]]:
-    """Join several FMUs by guessed wires and write the system as an SSP archive.
-
-    Returns:
-        The archive, and notes on its wires.
-
-    Raises:
-        InputRefused: see `join_fmus` and `write_system`.
-    """
+    """Join FMUs by guessed wires and write the system as SSP; return the archive and notes on its wires."""
     # Guessing wires needs code for drives, which other systems do not load.
     from twin.studies.systems.joined import join_fmus
 

@@ -65,9 +65,6 @@ def cosim(
     (error, crash, hang), 130 interrupted, 143 terminated.
 
     Example: twin cosim system.ssp --input 'shaft.omega_ref=step(0.05)'
-
-    Raises:
-        InputRefused, ComponentFailed, NotWritten: see `record_system`.
     """
     from twin.studies.result import Note
     from twin.studies.systems.recorded import record_system, write_joined_system, write_system

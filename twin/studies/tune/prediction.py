@@ -33,9 +33,7 @@ from twin.studies.metrics.response import overshoot, settling_time
 STIFFNESS_COUNT = 3
 """Number of stiffnesses for a range: both ends and the geometric mean."""
 FREQUENCY_COUNT = 500
-"""Number of frequencies from `MIN_FREQUENCY` to half the sampling rate: 2 % apart, closer than the platform's
-resonances are wide.
-"""
+"""Number of frequencies from `MIN_FREQUENCY` to half the rate: 2 % apart, closer than the resonances are wide."""
 STEP_HORIZON = 8.0
 """Length of a step response (s)."""
 SETTLED_BAND = 0.05
@@ -60,9 +58,6 @@ class Goals:
         overshoot: maximum overshoot of a step (share of the step).
         bandwidth: minimum bandwidth (rad/s) of the law `law`; None for no such goal.
         law: "force", or "position" where no force loop acts.
-
-    Raises:
-        InputRefused: no gains can meet the goals.
     """
 
     sensitivity: float = 1.6
@@ -87,11 +82,7 @@ class Goals:
         return (self.bandwidth or 0.0) / (2.0 * math.pi)
 
     def refuse_period(self, period: float) -> None:
-        """Refuse a bandwidth goal that a controller with the given period (s) cannot reach.
-
-        Raises:
-            InputRefused: the bandwidth exceeds half the rate of the controller.
-        """
+        """Refuse a bandwidth goal that a controller with the given period (s) cannot reach."""
         if self.bandwidth is not None and self.bandwidth >= math.pi / period:
             raise InputRefused(
                 f"--bandwidth-Hz {self.bandwidth_hertz:g}: beyond half the controller's rate of "
@@ -100,11 +91,7 @@ class Goals:
 
 
 def stiffness_range(text: str) -> tuple[float, float]:
-    """Parse a stiffness range, "300:5000", into (lowest, highest) (N/m).
-
-    Raises:
-        InputRefused: `text` is not an ascending range of positive numbers.
-    """
+    """Parse a stiffness range, "300:5000", into (lowest, highest) (N/m)."""
     try:
         low, high = (float(number) for number in text.split(":"))
     except ValueError:
@@ -135,11 +122,7 @@ def round_gains(gains: LawGains) -> LawGains:
 
 
 def gains_of(experiment: Experiment) -> LawGains:
-    """Return the gains of an experiment that tuning changes; refuse it if any other gain is not zero.
-
-    Raises:
-        InputRefused: a gain that is not tuned is not zero.
-    """
+    """Return the gains of an experiment that tuning changes; refuse it if any other gain is not zero."""
     position, force = experiment.controller.position, experiment.controller.force
     others = {
         "controller.position.ki_per_s2": position.ki,
@@ -156,10 +139,7 @@ def gains_of(experiment: Experiment) -> LawGains:
 
 
 def with_gains(experiment: Experiment, gains: LawGains) -> Experiment:
-    """Return the experiment with other gains of position and force law.
-
-    Its `values` still contain the gains of the file.
-    """
+    """Return the experiment with other gains; its `values` still contain the gains of the file."""
     c = experiment.controller
     position = c.position.model_copy(update={"kp": gains.kp})
     force = c.force.model_copy(update={"kp": gains.force_kp, "ki": gains.force_ki})
@@ -178,11 +158,7 @@ class Corner:
     low-passed estimated pressing force, true position (3,), and true pressing force, SI.
 
     Attributes:
-        experiment: experiment with this drive and these settings.
-        drive: name of the drive.
-        point: operating point.
         A, B, C: state-space matrices, (n, n), (n, 3), (8, n).
-        period: period of the controller (s).
         omega: frequencies (rad/s) (m,).
         P: frequency response (m, 4, 3) of the estimated signals.
     """
@@ -223,16 +199,7 @@ def stiffnesses(span: tuple[float, float]) -> list[float]:
 def corners(
     experiments: Sequence[Experiment], stiffness: tuple[float, float] | None
 ) -> tuple[list[Corner], list[str], list[Linearisation]]:
-    """Compute the linear model at every operating point, on every stiffness and with every drive.
-
-    Returns:
-        (corners, error messages of points without a linear model, linearisations with the identified drives).
-
-    Raises:
-        InputRefused: the experiment has no operating point, a drive has no linear model, or a surface is too soft for
-            the force.
-        ComponentFailed: a drive failed while it was measured.
-    """
+    """Return (corners, messages of points without a model, linearisations) per point, stiffness and drive."""
     points, problems = operating_points(experiments[0])
     if stiffness is not None:
         low, high = stiffness
@@ -285,6 +252,8 @@ class StepAnswer:
     error: float
     bandwidth: float
 
+    JSON_KEYS = "overshoot settling bandwidth"
+
 
 @dataclass(frozen=True)
 class Prediction:
@@ -307,7 +276,6 @@ class Prediction:
 
 
 def predict(corner: Corner, gains: LawGains) -> Prediction:
-    """Predict stability, sensitivity and step responses of some gains at one corner by the linear model."""
     A, _, _ = close_loops(corner, gains)
     radius = float(np.abs(np.linalg.eigvals(A)).max())
     if radius >= 1.0:
@@ -323,9 +291,8 @@ def close_loops(
 ) -> tuple[Matrix, Matrix, Matrix]:
     """Close both control laws at a corner; return the closed loop as (A, B, C).
 
-    Inputs are p_ref (3,) and F_z_ref, outputs true position (3,) and pressing force.
-
-    The force law's integral is a state only where that law acts with an integral gain.
+    Inputs are p_ref (3,) and F_z_ref, outputs true position (3,) and pressing force. The force law's integral is a
+    state only where that law acts with an integral gain.
 
     Args:
         factors: factors on the loops x, y, z and force (4,), applied where `sensitivities` opens them.
@@ -349,9 +316,7 @@ def close_loops(
 
 
 def sensitivities(corner: Corner, gains: LawGains) -> np.ndarray:
-    """Compute the sensitivity 1/(1+L) (m, 3 or 4) of each loop at a corner, with the others closed.
-
-    The loops are x, y, z and, where it acts, force.
+    """Compute the sensitivity 1/(1+L) (m, 3 or 4) of the loops x, y, z and any force, with the others closed.
 
     The result is the diagonal of (1 + L)^-1 with L the matrix of all loops: opening loop i alone leaves 1/((1 +
     L)^-1)_ii as its return difference (Skogestad and Postlethwaite 2005, Multivariable Feedback Control, Sec. 10.6).
@@ -384,14 +349,7 @@ def confirms_sensitivity(corner: Corner, gains: LawGains, sensitivity: float) ->
 
 
 def step_response(corner: Corner, gains: LawGains, i: int) -> tuple[Matrix, Matrix, float]:
-    """Compute the response of a stable corner to a unit step of one reference, by the linear model.
-
-    Args:
-        i: axis of the true position, or 3 for the true pressing force.
-
-    Returns:
-        (t (s), response (n,), its final value).
-    """
+    """Return (t (s), response (n,), final value) of a stable corner to a unit step of axis `i`, 3: the force."""
     A, B, C = close_loops(corner, gains)
     rest = np.linalg.solve(np.eye(len(A)) - A, B[:, i]).astype(np.float64, copy=False)
     final = float(C[i] @ rest)
@@ -404,10 +362,7 @@ def step_response(corner: Corner, gains: LawGains, i: int) -> tuple[Matrix, Matr
 
 
 def _powers(row: Matrix, A: Matrix, count: int) -> tuple[Matrix, Matrix]:
-    """Return the products `row` A^k for k = 0 .. count - 1, (count, n), and A^m.
-
-    m is the smallest power of two not below `count`.
-    """
+    """Return `row` A^k for k = 0 .. count - 1, (count, n), and A^m, m the smallest power of two >= `count`."""
     rows, power = row, A
     while len(rows) < count:
         rows, power = np.vstack([rows, rows @ power]), power @ power

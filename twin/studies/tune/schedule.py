@@ -27,7 +27,6 @@ from twin.studies.tune.touchdown import HOLD_ERROR, HOLD_OVERSHOOT, WholeRun, pr
 STIFFNESS_RANGE = (300.0, 5000.0)
 """Default stiffness range (N/m)."""
 MAX_STIFFNESS_RATIO = 2.0
-"""Maximum ratio between neighbouring stiffnesses."""
 STIFFNESS_ERROR_FACTOR = 1.3
 """Factor of the stiffness estimate's error in either direction: the tolerance of [controller.tissue]."""
 MAX_ERROR_RATIO = 1.05
@@ -50,8 +49,6 @@ class DesignedPoint:
     """Designed gains of a schedule on one tissue stiffness, with their predictions and simulations.
 
     Attributes:
-        stiffness: stiffness (N/m).
-        gains: gains at this stiffness.
         predictions: predictions at every pressed place, with each drive, on this stiffness.
         misses: goals missed on this stiffness or on one confused with it.
         trials: number of the prediction -> simulated step, None if the run failed.
@@ -90,10 +87,7 @@ class GainSchedule:
 
     @property
     def contradictions(self) -> list[str]:
-        """Descriptions of the schedule's results that the co-simulation does not confirm.
-
-        Gains that are unstable between two points are listed, too.
-        """
+        """Results that the co-simulation does not confirm, and gains unstable between two points."""
         doubts = [
             f"between the points, {prediction.corner.name}: unstable"
             for prediction in self.midpoint_predictions
@@ -117,7 +111,6 @@ class GainSchedule:
         return not self.contradictions and not any(point.misses for point in self.points)
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert the gain schedule to a dictionary for JSON, SI."""
         return {
             "met": self.meets_goals,
             "contradictions": self.contradictions,
@@ -153,11 +146,7 @@ def geometric_grid(low: float, high: float) -> list[float]:
 
 
 def design_schedule(base: tuned.TuningResult) -> GainSchedule:
-    """Design a gain schedule for a tuned experiment, over the stiffness range of its tuning.
-
-    Raises:
-        InputRefused: the experiment has no force control in contact, or the range is a single stiffness.
-    """
+    """Design a gain schedule for a tuned experiment, over the stiffness range of its tuning."""
     goals, name = base.goals, base.experiments[0].name
     places = _places(base)
     if not places:
@@ -204,10 +193,7 @@ def _is_stable(base: tuned.TuningResult, K: float, gains: LawGains) -> bool:
 
 
 def with_schedule(experiment: Experiment, gains: LawGains, points: Sequence[DesignedPoint]) -> Experiment:
-    """Return the experiment with a gain schedule, and with `gains` as its safe set.
-
-    `values` keep the gains of the file.
-    """
+    """Return the experiment with a gain schedule, `gains` its safe set; `values` keep the gains of the file."""
     safe = with_gains(experiment, gains)
     c = safe.controller
     table = tuple(
@@ -233,10 +219,7 @@ def _places(base: tuned.TuningResult) -> list[OperatingPoint]:
 def _corners(
     base: tuned.TuningResult, places: Sequence[OperatingPoint], K: float, undamped: bool = False
 ) -> list[Corner]:
-    """Return the linear models of each operating point with each drive on one stiffness.
-
-    `undamped` is for a tissue that is a pure spring.
-    """
+    """Return the models of each point and drive on one stiffness; `undamped` for a tissue that is a pure spring."""
     there = [point_on_stiffness(place, K) for place in places]
     if undamped:
         there = [replace(point, parameters=point.parameters._replace(damping=0.0, damper=0.0)) for point in there]
@@ -263,7 +246,6 @@ def _midpoint_predictions(
 
 
 def schedule_parts(done: GainSchedule) -> list[Block]:
-    """Return the report of a designed gain schedule: the verdict, then each point."""
     return [
         *_verdict(done),
         "",
@@ -272,11 +254,7 @@ def schedule_parts(done: GainSchedule) -> list[Block]:
 
 
 def schedule_lines(done: GainSchedule, own_tissue: bool) -> str:
-    """Return the TOML of a gain schedule, to be appended below the one set of gains, which is the safe one.
-
-    Args:
-        own_tissue: whether the experiment already has a [controller.tissue].
-    """
+    """Return the TOML of a gain schedule below its safe set; `own_tissue`: [controller.tissue] exists."""
     source = f"twin tune --schedule: {goals_sentence(done.base)}" + ("" if done.meets_goals else "; GOALS NOT MET")
     lines = ["", f"# {source}"]
     for point in done.points:

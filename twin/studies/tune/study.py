@@ -47,9 +47,6 @@ def tune(
     hung.
 
     Example: twin tune experiments/fig4_force_position.toml
-
-    Raises:
-        InputRefused, ComponentFailed: see `tune_gains`; or the folder cannot be used.
     """
     from twin.kernel.atomic_write import make_folder, write_json, write_text
     from twin.robot.assembly.load import load_experiment

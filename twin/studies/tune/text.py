@@ -43,12 +43,7 @@ def goals_sentence(done: TuningResult) -> str:
 
 
 def fragment(done: TuningResult, experiment: Path, folder: Path, options: Sequence[str]) -> str:
-    """Return the TOML file with the tuned gains that extends an experiment.
-
-    Args:
-        folder: folder of the TOML file.
-        options: command-line options of the tuned experiment.
-    """
+    """Return the TOML file in `folder` with the tuned gains, and `options` in its comment, extending an experiment."""
     source = f"twin tune: {goals_sentence(done)}" + ("" if done.meets_goals else "; GOALS NOT MET")
 
     def found(value: float, before: float) -> Any:
@@ -80,7 +75,6 @@ def _columns(name: str, head: str) -> tuple[Column, ...]:
 
 
 def tuning_parts(done: TuningResult) -> list[Block]:
-    """Return the report of tuning: goals, gains, predictions and simulations."""
     doubtful = [
         f"the linear model of {drive.labels[0]} is {100.0 * model.residual:.2g} % off its measured response; "
         "trust the simulation"
@@ -124,7 +118,6 @@ def _overshoot_notes(done: TuningResult) -> Iterator[Note]:
 
 
 def missed_note(text: str) -> Note:
-    """Return a note for a missed tuning goal."""
     return Note(text, "  missed    ")
 
 
@@ -209,7 +202,6 @@ def _runs(done: TuningResult) -> Iterator[Block]:
 
 
 def _touch_down(whole: WholeRun) -> str:
-    """Format overshoot, settling time and hold error of a simulated run."""
     if whole.outcome is None or whole.trip:
         return f"{'safety trip' if whole.trip else 'failed':^26}"
     overshoot, settling = whole.measure_text(HOLD_OVERSHOOT), whole.measure_text(HOLD_SETTLING)

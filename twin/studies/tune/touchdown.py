@@ -11,7 +11,6 @@ from twin.robot.run.runs import RunRequest, Runs
 from twin.studies.tune.prediction import LawGains, with_gains
 
 HOLD_OVERSHOOT, HOLD_SETTLING, HOLD_ERROR = JUDGED_MEASURES = "hold_overshoot", "hold_settling_time", "hold_error"
-"""Measures with goals."""
 NEVER_TEXT, NONE_TEXT = "never", "none"
 """Text of a force that never settles, and of a measure that does not exist."""
 FAILURE_MISS = 10.0
@@ -20,14 +19,7 @@ FAILURE_MISS = 10.0
 
 @dataclass(frozen=True)
 class WholeRun:
-    """A run of the whole experiment with given gains, to check tuning goals.
-
-    Attributes:
-        drive: name of its drive.
-        outcome: outcome; None if the run failed.
-        trip: reason of a trip of the safety monitor, or "".
-        stiffness: stiffness of the surface (N/m); None for the surface of the file.
-    """
+    """A whole run with given gains: outcome (None: failed), trip reason or "", stiffness (N/m, None: the file's)."""
 
     drive: str
     outcome: RunOutcome | None
@@ -36,7 +28,6 @@ class WholeRun:
 
     @property
     def measures(self) -> Values:
-        """Measures of the run by their keys."""
         return self.outcome.measures if self.outcome else missing_measures("the run failed")
 
     def measure_text(self, key: str) -> str:
@@ -54,12 +45,7 @@ class WholeRun:
 
 
 def whole_run(experiment: Experiment, drive: str, gains: LawGains, stiffness: float | None = None) -> WholeRun:
-    """Simulate an experiment from beginning to end with given gains, without recording.
-
-    Args:
-        drive: name of its drive.
-        stiffness: stiffness of another surface (N/m); pressed without a monitor, since soft tissue yields far.
-    """
+    """Simulate an experiment unrecorded with given gains, on another `stiffness` (N/m) without a monitor."""
     if stiffness is not None:
         contact = experiment.contact.model_copy(update={"stiffness": stiffness})
         experiment = replace(experiment, contact=contact, monitor=None)
@@ -70,10 +56,7 @@ def whole_run(experiment: Experiment, drive: str, gains: LawGains, stiffness: fl
 def whole_runs(
     experiments: Sequence[Experiment], drives: Sequence[str], gains: LawGains, surfaces: Sequence[float | None]
 ) -> Iterator[WholeRun]:
-    """Yield the run of the whole experiment with each drive on each surface, simulated when it is requested.
-
-    `surfaces` are stiffnesses in N/m, None for the surface of the file.
-    """
+    """Yield the run per drive and surface (N/m, None for the file's), simulated when it is requested."""
     for experiment, drive in zip(experiments, drives, strict=True):
         for stiffness in surfaces:
             yield whole_run(experiment, drive, gains, stiffness)
@@ -117,10 +100,7 @@ def shortfalls(before: WholeRun, after: WholeRun, overshoot: float, than: str = 
 
 
 def price(before: Sequence[WholeRun], after: Iterator[WholeRun], overshoot: float) -> float:
-    """Return the penalty of gains for goals missed in simulated runs, 0 .. 1; 0 if all are met.
-
-    Simulation stops at the first run that misses a goal.
-    """
+    """Return a penalty of missed goals, 0 .. 1, 0 if all are met; the first run with a miss ends simulation."""
     for i, (old, new) in enumerate(zip(before, after, strict=True)):
         by = sum(one.by for one in shortfalls(old, new, overshoot))
         if by:

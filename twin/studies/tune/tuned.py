@@ -54,8 +54,7 @@ from twin.studies.tune.touchdown import WholeRun, price, shortfalls, whole_runs
 
 SEARCH_SEED = 1
 POPULATION_PER_GAIN, MAX_GENERATIONS = 8, 40
-"""Population per gain; maximum number of generations. On Fig. 4's experiment 25 end up to 15 % slower, 60 not
-faster."""
+"""Population per gain, maximum generations; on Fig. 4's experiment 25 end up to 15 % slower, 60 not faster."""
 GAIN_BOUNDS = ((0.1, 200.0), (1e-6, 0.1), (1e-5, 1.0))
 """Search range of each gain: kp (1/s), force_kp (m/N), force_ki (m/(N s))."""
 GOAL_TOLERANCE = 1e-3
@@ -71,8 +70,7 @@ Progress = Callable[[float], None]
 REST_TIME = 3.0
 """Time (s) before the step, during which the platform sags under the drives' droop."""
 FORCE_STEP = 0.4
-"""Step of the force, as a share of the force at the corner: well above the effect of encoder counts and backlash (0.05
-N)."""
+"""Step of the force by the corner's force: well above the effect of encoder counts and backlash (0.05 N)."""
 HEIGHT_STEP = 1e-3
 """Step of z (m), upwards."""
 END_SHARE = 0.25
@@ -84,14 +82,11 @@ OVERSHOOT_TOLERANCE = 0.05
 MAX_SWING = 0.1
 """Peak-to-peak amplitude (share of the step) above which a lasting simulated oscillation is reported."""
 SETTLING_FACTOR = 4.0 / 3.0
-"""Delay of settling caused by backlash and encoder counts, as a factor; a predicted time must be visible within
-`STEP_HORIZON`.
-"""
+"""Factor of the settling delay by backlash and counts; a predicted time must show within `STEP_HORIZON`."""
 BANDWIDTH_TOLERANCE = 0.1
 """Tolerance on the simulated bandwidth (share of the requested one)."""
 SEARCH_SHARE = 0.8
-"""Share of the time that the search takes, for the progress report; the rest is the confirmation in the
-co-simulation."""
+"""Share of the time that the search takes, for the progress report; the rest is the confirmation."""
 
 
 class Miss(NamedTuple):
@@ -101,7 +96,6 @@ class Miss(NamedTuple):
         goal: "margin", "overshoot", "bandwidth" or "stability".
         by: relative amount by which it is missed; for the overshoot a share of the step.
         reached: value reached, in the unit of the goal.
-        at: prediction that misses it.
     """
 
     goal: str
@@ -126,7 +120,6 @@ def misses(prediction: Prediction, goals: Goals) -> Iterator[Miss]:
 
 
 def worst_misses(predictions: Sequence[Prediction], goals: Goals) -> list[Miss]:
-    """Return the worst miss of each tuning goal that is missed at any corner."""
     worst: dict[str, Miss] = {}
     for prediction in predictions:
         for miss in misses(prediction, goals):
@@ -224,12 +217,11 @@ class StepTrial:
     answer: StepAnswer
     swing: float
 
+    JSON_KEYS = "law overshoot=answer.overshoot settling=answer.settling bandwidth=answer.bandwidth swing"
+
 
 def can_simulate_step(corner: Corner) -> bool:
-    """Whether the co-simulation can simulate a reference step at a corner.
-
-    Impossible where [controller.damping] acts: only tasks use it, and tasks make no steps.
-    """
+    """Whether a step can be simulated: [controller.damping] is only for tasks, and tasks make no steps."""
     damping = corner.experiment.controller.damping if corner.experiment.tasks else None
     return corner.point.in_contact == corner.point.force_on and (damping is None or damping.gain == 0.0)
 
@@ -278,11 +270,7 @@ def lasting_swing(t: Matrix, y: Matrix) -> float:
 
 
 def paired_step_runs(corner: Corner, gains: LawGains) -> list[Matrix]:
-    """Simulate a step at a corner, and the same run without it; return force (N) or height (m) per tick.
-
-    Returns:
-        [without the step (n,), with the step (n,)], from the time of the step on.
-    """
+    """Return force (N) or height (m) per tick, without and with the step, from the time of the step on."""
     experiment, point = with_gains(at_stiffness(corner), gains), corner.point
     period = experiment.controller.period
     low, high = (1.0 - 0.5 * FORCE_STEP) * point.F_z, (1.0 + 0.5 * FORCE_STEP) * point.F_z
@@ -372,7 +360,6 @@ class TuningResult:
 
     @property
     def contradictions(self) -> list[str]:
-        """Descriptions of results of the tuned gains that the co-simulation does not confirm."""
         doubts = []
         for prediction in self.after.predictions:
             M_s = prediction.sensitivity
@@ -392,7 +379,6 @@ class TuningResult:
         return not self.after.misses and not self.contradictions
 
     def to_dict(self) -> dict[str, Any]:
-        """Convert the result of tuning to a dictionary for JSON, SI."""
         return {
             "experiment": self.experiments[0].name,
             "met": self.meets_goals,
@@ -417,11 +403,6 @@ def tune_gains(
         experiments: the same experiment with each drive that the gains must suit, at least one.
         goals: goals; `law` is determined here.
         stiffness: stiffness range of the contact (N/m).
-
-    Raises:
-        InputRefused: the goals cannot be met by any gains, a gain that is not tuned is not zero, or a linear model is
-            missing.
-        ComponentFailed: a drive failed while it was measured.
     """
     first = experiments[0]
     refuse_third_party_parts(first, "twin tune", ("controller", "estimator"))
@@ -469,10 +450,7 @@ def _place_text(prediction: Prediction) -> str:
 
 
 def worst_places(predictions: Sequence[Prediction]) -> list[int]:
-    """Return the numbers of the corners with the largest sensitivity M_s, one per drive, law and stiffness.
-
-    Ordered by drive, in air first, then by stiffness.
-    """
+    """Return the corner with the largest M_s per drive, law and stiffness; by drive, air first, stiffness."""
     worst: dict[tuple[str, str, bool, float], int] = {}
     for i, prediction in enumerate(predictions):
         corner = prediction.corner
@@ -523,10 +501,6 @@ def _corner_facts(prediction: Prediction, trial: StepTrial | None) -> dict[str, 
         "stiffness": point.parameters.K if point.in_contact else None,
         "stable": prediction.stable,
         "sensitivity": prediction.sensitivity,
-        "predicted": {law: _answer_facts(found) for law, found in prediction.answers.items()},
-        "simulated": trial and {"law": trial.law, **_answer_facts(trial.answer), "swing": trial.swing},
+        "predicted": prediction.answers,
+        "simulated": trial,
     })  # fmt: skip
-
-
-def _answer_facts(found: StepAnswer) -> dict[str, float]:
-    return {key: getattr(found, key) for key in ("overshoot", "settling", "bandwidth")}

@@ -24,18 +24,13 @@ from twin.kernel.recording.scan import NS_PER_S
 
 Format = Literal["csv", "parquet", "mat", "ros2"]
 MAX_LISTED_TOPICS = 8
-"""Maximum number of topic names listed in an error message."""
 
 
 @dataclass(frozen=True)
 class ExportResult:
-    """Outcome of the export of a recording: path, and numbers of signals and rows.
+    """Outcome of an export: file (folder of a bag), signals, rows of the longest signal (messages of a bag).
 
-    Attributes:
-        path: the file, or the folder of a bag.
-        signals: number of signals.
-        rows: number of rows of the longest signal; of a bag, the number of messages.
-        note: defects of the recording; empty if it is complete.
+    `note` has the defects of the recording; empty if it is complete.
     """
 
     path: Path
@@ -54,20 +49,11 @@ def export_recording(
     maps: Sequence[str] = (),
     joints: JointFields | None = None,
 ) -> ExportResult:
-    """Export a recording, or another tool's log, to another format.
+    """Export a recording (see `recording_in`), or another tool's log (with `maps` or a ROS 2 bag), to another format.
 
-    Args:
-        run: see `recording_in`; with `maps`, or for a ROS 2 bag, see `read_log`.
-        patterns: see `selected_signals`.
-        rate: rows per second (Hz), see `signal_table`.
-        out: path to write; None for the recording's own path with the format's suffix.
-        force: replace an existing file.
-        maps: column maps of a log that twin did not record, see `column_map`.
-        joints: fields that a bag stores as JointState.
-
-    Raises:
-        InputRefused: no recording, unknown signal, invalid rate, pyarrow not installed, or the file exists.
-        NotWritten: it cannot be written; an existing file stays.
+    `patterns` are as for `selected_signals`, `rate` (Hz) as for `signal_table`, `maps` column maps of a log, see
+    `column_map`. `joints` are fields that a bag stores as JointState. Without `out`, the file has the recording's path
+    with the format's suffix.
     """
     recording = _load_recording(run, maps)
     signals = selected_signals(recording, patterns)
@@ -76,17 +62,17 @@ def export_recording(
     if os.path.lexists(path) and not force:
         raise InputRefused(f"{path}: exists; replace it with --force or name another with --out")
     if form == "ros2":
-        return ExportResult(
-            path, len(signals), write_ros_bag(path, recording, signals, rate, joints or {}), recording.note
-        )
-    if form == "mat":
-        return ExportResult(path, len(signals), write_matlab(path, recording, signals, rate), recording.note)
-    rows = signal_table(recording, signals, rate)
-    if form == "csv":
-        write_csv(path, rows)
+        rows = write_ros_bag(path, recording, signals, rate, joints or {})
+    elif form == "mat":
+        rows = write_matlab(path, recording, signals, rate)
     else:
-        write_parquet(path, rows, recording.metadata)
-    return ExportResult(path, len(signals), len(rows.t), recording.note)
+        table = signal_table(recording, signals, rate)
+        rows = len(table.t)
+        if form == "csv":
+            write_csv(path, table)
+        else:
+            write_parquet(path, table, recording.metadata)
+    return ExportResult(path, len(signals), rows, recording.note)
 
 
 def _load_recording(run: Path, maps: Sequence[str]) -> Recording:
@@ -99,13 +85,9 @@ def _load_recording(run: Path, maps: Sequence[str]) -> Recording:
 
 
 def selected_signals(recording: Recording, patterns: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return the names `topic.field` of a recording that match any of `patterns`, in file order; all without patterns.
+    """Return the names `topic.field` of a recording that match any of `patterns`, in file order; all without.
 
-    Args:
-        patterns: `arm.tip`, or with wildcards `arm.*`, `*.force`; a topic's name alone, `arm`, selects all its fields.
-
-    Raises:
-        InputRefused: a pattern matches nothing, or a selected topic has no messages.
+    A pattern is `arm.tip`, has wildcards, `arm.*`, `*.force`, or selects all fields of a topic, `arm`.
     """
     fields = recording.fields()
     for pattern in patterns:
@@ -134,13 +116,7 @@ def _nearest(pattern: str, fields: dict) -> str:
 
 
 def recording_from_log(log: Log) -> Recording:
-    """Convert another tool's log to a recording: `arm.tip[0]`, `[1]`, ... become the field `tip` of the topic `arm`.
-
-    become the field `tip` of the topic `arm`.
-
-    Raises:
-        LogError: a signal is not named `TOPIC.FIELD`, signals of one topic have different times, or times before 0.
-    """
+    """Convert another tool's log to a recording: `arm.tip[0]`, `[1]`, ... become the field `tip` of the topic `arm`."""
     topics: dict[str, list[tuple[str, LogSeries]]] = {}
     for name in dict.fromkeys(re.sub(r"\[\d+\]$", "", name) for name in log.series):
         topic, _, own = name.rpartition(".")

@@ -84,16 +84,11 @@ MAX_BLOCK_MESSAGES = 10_000
 
 @dataclass
 class RosTopic:
-    """A topic of the ROS 2 bag to be written, made of a topic of the recording.
+    """A topic of the ROS 2 bag to be written, `/arm/tip`, made of the topic `source` of the recording.
 
-    Attributes:
-        name: topic name: `/arm/tip`.
-        kind: message type.
-        source: topic of the recording.
-        body: one message as CDR, with zeros for numbers and times.
-        places: (offset in the body, field, element) of each number.
-        stamp: offset of the stamp, seconds and nanoseconds; 0 if the type has none.
-        columns: element `arm.tip[0]` -> its column `/arm/tip.pose.position.x` and its unit.
+    `body` is one message as CDR with zeros for numbers and times. `places` are (offset in it, field, element) of each
+    number. `stamp` is the offset of seconds and nanoseconds, 0 if the type has none. `columns`: element `arm.tip[0]` ->
+    its column `/arm/tip.pose.position.x` and its unit.
     """
 
     name: str
@@ -128,10 +123,7 @@ def ros_topics(topic: str, fields: Sequence[messages.Field], joints: JointFields
 
 
 def _joints(topic: str, side: str, one: messages.Field) -> list[str]:
-    """Return the joint names of a recorded field: `joint_1` .. `joint_3`; `motor_2` for the topic `drive/2`.
-
-    `joint_3`; `motor_2` for the topic `drive/2`.
-    """
+    """Return the joint names of a recorded field: `joint_1` .. `joint_3`; `motor_2` for the topic `drive/2`."""
     own = topic.rpartition("/")[2]
     if one.size == 1 and own.isdigit():
         return [f"{side}_{own}"]
@@ -218,17 +210,10 @@ class _Cdr:
 def write_ros_bag(
     folder: Path, recording: Recording, signals: Sequence[str], rate: float | None, joints: JointFields
 ) -> int:
-    """Write signals of a recording as a ROS 2 bag to the folder `folder`; return the number of messages.
+    """Write `signals` (`topic.field`, with messages) as a ROS 2 bag to `folder`; return the number of messages.
 
-    Log times and stamps are simulation time.
-
-    Args:
-        signals: names `topic.field`, each with at least one message.
-        joints: fields that are written as JointState.
-        rate: messages per second and topic (Hz), see `signal_table`; None to keep every topic's own times.
-
-    Raises:
-        InputRefused: a rate that `signal_table` refuses, or something other than such a bag exists at `folder`.
+    Log times and stamps are simulation time. `rate` is in messages per second and topic (Hz), see `signal_table`; None
+    keeps every topic's own times. `joints` are written as JointState.
     """
     own = {f"{folder.name}_0.mcap", METADATA_FILE, MAP_FILE}
     if os.path.lexists(folder) and not (folder.is_dir() and set(os.listdir(folder)) <= own):
@@ -338,7 +323,6 @@ def _metadata(file: str, topics: Sequence[RosTopic], counts: Sequence[int], time
 
 
 def _map(topics: Sequence[RosTopic]) -> str:
-    """Return the column map for reading the exported ROS 2 bag with twin."""
     # imported here because other formats do not need it
     import tomlkit
 

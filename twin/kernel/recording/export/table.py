@@ -38,13 +38,9 @@ MAX_NAME_LENGTH = 63
 
 @dataclass(frozen=True)
 class SignalColumn:
-    """A column of a table of recorded signals, one number per row.
+    """A column of a table of signals: SI unit ("1" for pure numbers), frame and sign, (n,) float64, int64 or bool.
 
-    Attributes:
-        name: `topic.field`, with `[i]` (from 0) for an element of a vector field.
-        unit: SI, "1" for pure numbers.
-        meaning: frame and sign.
-        values: (n,) float64, int64 or bool.
+    The name is `topic.field`, with `[i]` (from 0) for an element of a vector field.
     """
 
     name: str
@@ -55,12 +51,7 @@ class SignalColumn:
 
 @dataclass(frozen=True)
 class SignalTable:
-    """A table of recorded signals on one time base.
-
-    Attributes:
-        t: simulation time of the rows (n,), s.
-        columns: columns in the order of the recording.
-    """
+    """Recorded signals at the times `t` (n,), s; columns in the order of the recording."""
 
     t: np.ndarray
     columns: tuple[SignalColumn, ...]
@@ -70,15 +61,8 @@ def signal_table(recording: Recording, signals: Sequence[str], rate: float | Non
     """Resample recorded `signals` onto one time base; each value is the newest at or before the row's time.
 
     Nothing is interpolated or filtered: every number was recorded, and a sampled component also keeps its value between
-    samples. Rows begin when every signal has a value.
-
-    Args:
-        signals: names `topic.field`, each with at least one message.
-        rate: rows per second of simulated time (Hz); None for the times of the selected topic with most messages.
-
-    Raises:
-        InputRefused: the rate is not positive, or too high for times of whole nanoseconds or for the samples.
-        UnknownSeries: unknown signal.
+    samples. Rows begin when every signal `topic.field` has a value; each needs a message. `rate` is in rows per second
+    of simulated time (Hz); None for the times of the selected topic with most messages.
     """
     fields = recording.fields()
     times, rows = time_base(recording, signals, rate)
@@ -103,12 +87,9 @@ def time_base(
 
 
 def row_times(times: Sequence[np.ndarray], rate: float | None, numbers: int = 1) -> np.ndarray:
-    """Compute the times of the rows of a signal table, ns, (n,) int64.
+    """Compute the times of a signal table's rows, ns, (n,) int64, from ascending message times (ns) of each topic.
 
-    Args:
-        times: message times of each topic, ns, ascending, not empty.
-        rate: rows per second (Hz), see `signal_table`.
-        numbers: values in a row.
+    No topic is empty. `rate` is in rows per second (Hz), see `signal_table`. `numbers` are the values in a row.
     """
     first = max(t[0] for t in times)
     if rate is None:
@@ -140,9 +121,6 @@ def write_csv(path: Path, table: SignalTable) -> None:
 
     A name with a comma or a quote is quoted, a name that spreadsheets would take for a formula begins with an
     apostrophe. Booleans are 0 and 1, NaN is `nan`.
-
-    Raises:
-        InputRefused: two columns would have one name.
     """
     heads = ["t_s", *(heading(column.name, column.unit) for column in table.columns)]
     if twice := [head for head, count in Counter(heads).items() if count > 1]:
@@ -159,12 +137,7 @@ def write_csv(path: Path, table: SignalTable) -> None:
 def write_parquet(path: Path, table: SignalTable, metadata: Mapping[str, Mapping[str, str]]) -> None:
     """Write a table of signals to `path` as Parquet: column `t` in s, then one per number with `unit` and `meaning`.
 
-    Args:
-        metadata: metadata of the recording, name -> key -> text; each name becomes one JSON text in the file's
-            metadata.
-
-    Raises:
-        InputRefused: pyarrow is not installed.
+    Each name of the recording's metadata (name -> key -> text) becomes one JSON text in the file's.
     """
     try:
         import pyarrow as pa
@@ -186,14 +159,7 @@ def write_matlab(path: Path, recording: Recording, signals: Sequence[str], rate:
     """Write `signals` to `path` as a MATLAB file; return the number of rows of the common time base.
 
     `arm.t` is (n, 1) in s, `arm.tip` (n, 3), `units.arm.tip` is 'm'; topic drive/1 becomes drive_1. Without a rate
-    every topic keeps its own times; with one all have the rows of `signal_table`.
-
-    Args:
-        signals: names `topic.field`, each with at least one message.
-        rate: rows per second of simulated time (Hz).
-
-    Raises:
-        InputRefused: a rate that `signal_table` refuses, or a name that MATLAB would truncate.
+    every topic keeps its own times; with one (Hz) all have the rows of `signal_table`. Every signal needs a message.
     """
     from scipy.io import savemat
 

@@ -32,12 +32,11 @@ BAG_SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 METADATA_FILE = "metadata.yaml"
 MAX_FILE_BYTES = 2**36
 MAX_MESSAGE_BYTES = 2**28
-"""Bytes, as LARGEST_FILE is: 64 GB and 256 MB."""
+"""Maximum sizes of a file and of a message (bytes): 64 GB and 256 MB."""
 MAX_DEFINITIONS = 200
 DEFINITIONS_TABLE = "message_definitions"
 """Table with message definitions, since ROS 2 Iron."""
 BAG_TABLES = ("topics", "messages", DEFINITIONS_TABLE)
-"""Tables that are read."""
 MAX_STEPS_PER_BYTE = 4
 """Maximum steps of SQLite's virtual machine per byte of a file in one query; a message needs 30 and has 9 bytes."""
 MIN_ROW_BYTES = 8
@@ -59,27 +58,13 @@ def is_bag(path: Path) -> bool:
 
 
 def read_bag(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
-    """Read all files of a ROS 2 bag as one log.
-
-    Args:
-        columns: see `log_from_topics`.
-
-    Raises:
-        InputRefused: no such file, damaged, or as `log_from_topics`.
-    """
+    """Read all files of a ROS 2 bag as one log; `columns` as for `log_from_topics`."""
     topics, notes = bag_topics(path, columns)
     return log_from_topics(path, topics, columns, notes)
 
 
 def bag_topics(path: Path, columns: Mapping[str, MappedColumn]) -> tuple[dict[str, LoggedTopic], list[str]]:
-    """Read the topics of all files of a ROS 2 bag, and notes on missing data.
-
-    Args:
-        columns: columns whose topics' messages are kept.
-
-    Raises:
-        InputRefused: no such file, or damaged.
-    """
+    """Read the topics of all files of a ROS 2 bag, with the messages of `columns`, and notes on missing data."""
     folder = os.path.isdir(path)
     files = _files(path) if folder else [path]
     notes = _missing_files(path, files) if folder else []
@@ -113,7 +98,6 @@ def _missing_files(folder: Path, files: list[Path]) -> list[str]:
 
 @contextmanager
 def _plain_file(file: Path) -> Iterator[Path]:
-    """Yield a bag's file itself, or its decompressed temporary copy."""
     try:
         with open_regular(file, MAX_FILE_BYTES) as content:
             if not file.name.endswith(".zstd"):
@@ -169,15 +153,6 @@ class BagDatabase:
 
     SQLite files can contain code: views, virtual tables and generated columns are computed by the reader, to any size
     and for any time. Pages may also refer to each other so that few of them contain any number of rows.
-
-    Args:
-        file: name in error messages.
-
-    Attributes:
-        has_definitions: whether the definitions table exists.
-
-    Raises:
-        LogError: other objects than stored tables, their indexes and triggers, or no tables of a bag.
     """
 
     def __init__(self, bag: sqlite3.Connection, file: Path, size: int):
@@ -200,11 +175,7 @@ class BagDatabase:
         self.has_definitions = bool(columns[DEFINITIONS_TABLE])
 
     def select(self, query: str) -> Iterator[tuple[Any, ...]]:
-        """Run a query on the bag's database, and yield its rows.
-
-        Raises:
-            LogError: rows larger than the file, or more steps than its size allows.
-        """
+        """Run a query on the bag's database, and yield its rows."""
         every = 1000
         left = 100 + MAX_STEPS_PER_BYTE * self._size // every
 

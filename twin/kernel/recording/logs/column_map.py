@@ -35,11 +35,7 @@ _MOTOR_SIDE = re.compile(r"(.*\.)?(theta|omega|count)_m")
 
 
 def column_map(entries: Sequence[str | Path]) -> dict[str, MappedColumn]:
-    """Parse a column map from texts `NAME=[-]COLUMN[UNIT]` and TOML files into columns by signal (and `time`).
-
-    Raises:
-        LogError: an unreadable file, or invalid entries; all errors at once.
-    """
+    """Parse a column map from texts `NAME=[-]COLUMN[UNIT]` and TOML files into columns by signal (and `time`)."""
     columns: dict[str, MappedColumn] = {}
     mistakes: list[str] = []
     for entry in entries:
@@ -76,15 +72,7 @@ def split_unit(header: str) -> tuple[str, str]:
 
 
 def require_unit(text: str, where: str) -> Unit:
-    """Parse the unit of a column.
-
-    Args:
-        text: `mm`, `rad/s`, `deg_per_s`.
-        where: file and column, which begin the error message.
-
-    Raises:
-        LogError: an unknown unit; the message has the nearest one.
-    """
+    """Parse a column's unit: `mm`, `rad/s`, `deg_per_s`; for an unknown one, LogError names `where` and the nearest."""
     found = known_unit(text)
     if found is None:
         hint = nearest(text, UNIT_SYMBOLS, "expected one such as mm, N, deg, rad/s, Nm, ms, A or 1")
@@ -93,17 +81,7 @@ def require_unit(text: str, where: str) -> Unit:
 
 
 def refuse_unit(where: str, name: str, got: str, wanted: str, column: str = "COLUMN") -> None:
-    """Reject a signal whose unit differs from the wanted unit.
-
-    Args:
-        where: begins the error message.
-        name: the signal.
-        got, wanted: SI units.
-        column: column for the proposed entry of a map.
-
-    Raises:
-        LogError: another unit, with the entry to write in the map.
-    """
+    """Reject, with the entry to write in the map for `column`, a signal whose SI unit differs from the wanted one."""
     if got != wanted:
         found, used = known_unit(got), known_unit(wanted)
         hint = weight_hint(found.dimension, used.dimension) if found and used else ""

@@ -28,15 +28,8 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
     """Read a CSV file as a log.
 
     An empty field means no sample of its column in that row; NaN is an invalid sample. Unreadable columns are left out,
-    and refused when they are used.
-
-    Args:
-        columns: columns by signal; empty for every numeric column, named as in the head.
-        known: unit by name of signals in the head, such as the signals of the log to compare with.
-
-    Raises:
-        LogError: no text, no rows, rows of different lengths, missing or unreadable columns of the map, times that do
-            not ascend; all errors of a kind, one sentence each.
+    and refused when they are used. Without `columns` (by signal) every numeric column is read, named as in the head.
+    `known` has the unit by name of signals in the head, such as the signals of the log to compare with.
     """
     table = read_table(path)
     mistakes: list[str] = []

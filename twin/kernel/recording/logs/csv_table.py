@@ -43,14 +43,10 @@ SEPARATOR_LINE = re.compile(r'"?sep=([^\s\w"]|\t)"?\s*', re.IGNORECASE)
 
 @dataclass
 class WrongFields:
-    """Fields of one CSV column that are not finite numbers.
+    """Fields of one CSV column that are not finite numbers, some `empty`.
 
-    Attributes:
-        count: number of these fields.
-        line, text: the first field with text other than `INVALID_TEXT`, else the first field.
-        empty: number of empty fields.
-        invalid: line of each field with NaN, infinity or `INVALID_TEXT`.
-        commas: whether a field is a number with a decimal comma.
+    `line` and `text` are of the first field with text other than `INVALID_TEXT`, else of the first field. `invalid` has
+    the line of each field with NaN, infinity or `INVALID_TEXT`. `commas`: a field is a number with a decimal comma.
     """
 
     count: int = 0
@@ -66,8 +62,7 @@ class WrongFields:
         return self.count - self.empty - len(self.invalid)
 
     def add(self, line: int, text: str) -> None:
-        """Count a field of the column as wrong."""
-        empty, invalid = not text, INVALID_TEXT.fullmatch(text) is not None or _is_float(text)
+        empty, invalid = not text, INVALID_TEXT.fullmatch(text) is not None or _float(text) is not None
         if not self.count or not (empty or invalid or self.texts):
             self.line, self.text = line, text
         self.count += 1
@@ -79,16 +74,9 @@ class WrongFields:
 
 @dataclass(frozen=True)
 class CsvTable:
-    """Table of numbers read from a CSV file.
+    """Numbers (rows, columns) read from a CSV file, NaN for other fields; `wrong` has these by position of the column.
 
-    Attributes:
-        path: the file.
-        comments: lines before the head, without #.
-        head: names of the columns.
-        values: numbers (rows, columns); NaN for other fields.
-        wrong: wrong fields by position of the column.
-        lines: line number of each row, from 1.
-        notes: notes on missing data.
+    `comments` are the lines before the head, without #; `lines` the line number of each row, from 1.
     """
 
     path: Path
@@ -100,11 +88,6 @@ class CsvTable:
     notes: tuple[str, ...] = ()
 
     def column(self, name: str) -> NDArray[np.float64]:
-        """Return the numbers of the CSV column `name`.
-
-        Raises:
-            LogError: two columns have that name.
-        """
         if self.head.count(name) > 1:
             raise LogError(f"{self.path}: two columns are named '{name}'; expected different names")
         return self.values[:, self.head.index(name)]
@@ -125,12 +108,6 @@ class CsvTable:
 
 
 def read_table(path: Path) -> CsvTable:
-    """Read a CSV file as a table.
-
-    Raises:
-        InputRefused: no regular file, or too large.
-        LogError: no text, no rows, or rows of different lengths.
-    """
     with open_regular(path, MAX_FILE_BYTES) as file:
         return parse_table(path, file)
 
@@ -189,11 +166,7 @@ def parse_table(path: Path, file: BinaryIO) -> CsvTable:
 
 
 def _end_of_text(path: Path, file: BinaryIO) -> int:
-    """Check that `file` is text, and return its size without the zeros that a crash left at its end.
-
-    Raises:
-        LogError: no text, or empty.
-    """
+    """Check that `file` is text, and return its size without the zeros that a crash left at its end."""
     decoder, place, end, empty = codecs.getincrementaldecoder("utf-8")(), 0, 0, True
     while True:
         block = file.read(_BLOCK_BYTES)
@@ -219,11 +192,7 @@ def _end_of_text(path: Path, file: BinaryIO) -> int:
 
 
 def _head(path: Path, text: Iterator[str]) -> tuple[tuple[str, ...], list[str], str, Iterator[tuple[list[str], int]]]:
-    """Parse the head of a CSV file from lines of text: (comments, names of the columns, separator, rows of `_rows`).
-
-    Raises:
-        LogError: no head, or no table.
-    """
+    """Parse the head of a CSV file from lines of text: (comments, names of the columns, separator, rows of `_rows`)."""
     comments: list[str] = []
     before, line = 0, ""
     for line in text:
@@ -268,22 +237,18 @@ def more_text(others: int, what: str) -> str:
     return f" (and {others} more such {what}{'s' * (others > 1)})" if others else ""
 
 
-def _is_float(text: str) -> bool:
-    """Check whether Python parses `text` as a float, including NaN, infinity and values beyond any quantity."""
+def _float(text: str) -> float | None:
+    """Parse a text as a float, including NaN, infinity and values beyond any quantity; None for other text."""
     try:
-        float(text)
+        return float(text)
     except ValueError:
-        return False
-    return True
+        return None
 
 
 def _number(text: str) -> float | None:
     """Parse a text as a finite number; None for other text, and for values beyond any quantity."""
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if abs(value) <= MAX_QUANTITY else None
+    value = _float(text)
+    return value if value is not None and abs(value) <= MAX_QUANTITY else None
 
 
 def _numbers(

@@ -72,10 +72,7 @@ PATH_PART = re.compile(r'"([^"]+)"|([^.\[\]"][^.\[\]]*)|\[(\d+)\]')
 
 
 def decoder(channel: Channel, schema: Schema | None) -> Decoder | None:
-    """Create the message decoder of an MCAP channel; None for an unsupported encoding.
-
-    The decoder raises ValueError for invalid bytes, this function for an invalid schema.
-    """
+    """Create an MCAP channel's decoder, None for an unsupported encoding; ValueError for an invalid schema or bytes."""
     if channel.message_encoding == "json":
         return _decode_json
     if schema is None:
@@ -109,14 +106,10 @@ def _decode_json(data: bytes) -> Any:
 
 
 def _ros_decoder(name: str, encoding: str, definition: bytes) -> Decoder:
-    """Create the decoder of ROS 2 CDR messages of type `name`; it raises ValueError for invalid bytes.
+    """Create the decoder of ROS 2 CDR messages of type `name`, as `sensor_msgs/msg/JointState`.
 
-    Args:
-        name: name of the type, `sensor_msgs/msg/JointState`.
-        encoding: one of `ROS_ENCODINGS`; ignored for ROS 2's own types, whose definition is empty.
-
-    Raises:
-        ValueError: rosbags is not installed, or an invalid, missing or too costly definition.
+    It raises ValueError for invalid bytes. `encoding` is one of `ROS_ENCODINGS`; ignored for ROS 2's own types, whose
+    definition is empty.
     """
     try:
         from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
@@ -184,7 +177,6 @@ def _definition_text(definition: bytes, encoding: str) -> str:
 
 
 def _type_closure(name: str, known: Mapping[str, Any]) -> list[str]:
-    """List the message type `name` and all types nested in it."""
     parts, found, level = 0, [name], [name]
     for _ in range(MAX_DEPTH):
         inner = []
@@ -254,16 +246,12 @@ def path_text(parts: Sequence[str | int]) -> str:
 
 
 def field_value(message: Any, parts: Sequence[str | int]) -> float:
-    """Return the number (or stamp, in s) in a message at a path such as `force.z`, `position[2]` or `header.stamp`; see
-    `path_parts`.
+    """Return the number (or stamp, s) in a message at a path `force.z`, `joint[2]`, `header.stamp`; see `path_parts`.
 
     `position.knee` is the element of an array at the index of 'knee' in the names of the same message. The rest of the
-    path may be one name, such as `arm.knee`.
-
-    Raises:
-        LookupError: messages of this type lack the field; the text lists the existing ones. `UnknownElement`: this
-            message lacks it.
-        ValueError: the value is neither a number nor a stamp; null is NaN.
+    path may be one name, such as `arm.knee`. LookupError: messages of this type lack the field; the text lists the
+    existing ones. `UnknownElement`: this message lacks it. ValueError: the value is neither a number nor a stamp; null
+    is NaN.
     """
     around: list[Any] = []
     value = message
@@ -320,11 +308,7 @@ def _element(value: Any, index: int) -> Any:
 
 
 def _named_element(value: Any, rest: str, name: str, around: Sequence[Any]) -> tuple[Any, bool]:
-    """Find the element of the array `value` named `rest`, else `name`, by the names in the nearest enclosing message.
-
-    Returns:
-        The element, and whether its name is `rest`.
-    """
+    """Find the element `rest`, else `name`, of the array `value` by names in `around`; and whether it is `rest`."""
     choice = f"choose an element with [0] instead of .{name}"
     for message in reversed(around):
         for label in set(_field_names(message)).intersection(LABEL_FIELDS):
@@ -340,7 +324,6 @@ def _named_element(value: Any, rest: str, name: str, around: Sequence[Any]) -> t
 
 
 def _field_names(value: Any) -> Collection[str]:
-    """List the field names of a message; empty for other values."""
     if isinstance(value, Mapping):
         return value
     if is_dataclass(value):

@@ -19,8 +19,6 @@ GAP_RATIO = 1.5
 MIN_REGULAR_SHARE = 0.6
 """Minimum share of intervals within half of the median for regular sampling. A clock that loses three samples in ten at
 random keeps 0.7; random points have 0.35 (intervals of a Poisson process)."""
-
-
 MAX_INVALID_SHARE = 0.05
 """Maximum share of NaN, null or infinite samples of a needed signal."""
 
@@ -35,13 +33,10 @@ class NoNumbers(LogError):
 
 @dataclass(frozen=True)
 class MappedColumn:
-    """Column of a foreign file that a signal is read from: value in SI = sign * value in `unit`.
+    """Column of a foreign file that a signal is read from: value in SI = sign (1 or -1) * value in `unit`.
 
-    Attributes:
-        name: name of the column.
-        unit: unit as the user wrote it; empty if the column's name contains it.
-        sign: 1 or -1.
-        text: name, unit and sign as one text, if written so: a column may have that very name.
+    `unit` is as the user wrote it; empty if in the column's name. `text` is all as one text, if written so: a column
+    may have that very name.
     """
 
     name: str
@@ -51,12 +46,9 @@ class MappedColumn:
 
 
 class Sampling(NamedTuple):
-    """Sampling of a time series: period, regularity and gaps.
+    """Sampling of a time series: median interval (s), regularity, start and end (s) of intervals with missing samples.
 
-    Attributes:
-        period: median interval (s).
-        regular: whether the intervals are regular; otherwise `gaps` is empty.
-        gaps: start and end (s) of each interval with missing samples, (k, 2).
+    `gaps` (k, 2) is empty if the intervals are not regular.
     """
 
     period: float
@@ -102,13 +94,10 @@ def in_gap(t: NDArray[np.float64], gaps: NDArray[np.float64]) -> NDArray[np.bool
 
 @dataclass(frozen=True)
 class LogSeries:
-    """Time series of one quantity in a log.
+    """Time series of a quantity at times (s) strictly ascending: values (n,), or (n, k) from `Log.vector`.
 
-    Attributes:
-        t: times of the samples, s, strictly ascending, (n,).
-        values: values in `unit`, (n,), or (n, k) from `Log.vector`.
-        unit: SI unit as in recordings: `N`, `rad/s`, `1`.
-        invalid: times (s) of further samples that were NaN, null or infinite, ascending.
+    Units are SI as in recordings: `N`, `rad/s`, `1`. `invalid` has the times (s) of further samples that were NaN, null
+    or infinite, ascending.
     """
 
     t: NDArray[np.float64]
@@ -118,7 +107,6 @@ class LogSeries:
 
     @cached_property
     def sampling(self) -> Sampling:
-        """Sampling of the series, with its missing samples; n >= 2."""
         return sampling(self.t)
 
     def clip(self, start: float, end: float) -> "LogSeries":
@@ -129,16 +117,7 @@ class LogSeries:
 
 
 def refuse_invalid(path: Path | str, name: str, invalid: int, samples: int) -> None:
-    """Reject a needed signal with too large a share of invalid samples.
-
-    Args:
-        path: log.
-        name: signal.
-        invalid, samples: number of invalid samples, and of all.
-
-    Raises:
-        LogError: more than `MAX_INVALID_SHARE` of them are invalid.
-    """
+    """Reject a needed signal with too large a share of invalid samples."""
     if invalid > MAX_INVALID_SHARE * samples:
         raise LogError(
             f"{path}: {invalid} of {samples} samples of {name} are NaN, null or infinite, expected at most "
@@ -179,13 +158,9 @@ def _nearest_index(of: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[n
 class Log:
     """Log in memory with access by signal: `log["arm.force"]`, `log.vector("arm.tip")`.
 
-    Attributes:
-        path: the file.
-        series: scalar series by name; a component of a vector is `arm.tip[2]`.
-        notes: sentences on missing data: missing samples, a truncated end.
-        comments: lines of the file's head that start with #, without it.
-        left_out: unreadable signal of the file -> error message.
-        columns: column of each signal; empty for a recording of twin.
+    `series` are scalar, `arm.tip[2]` a component of a vector. `notes` are sentences on missing data: missing samples, a
+    truncated end; `comments` are the lines of the head that start with #, without it. `left_out`: unreadable signal ->
+    error message. `columns`: column of each signal, empty for a recording of twin.
     """
 
     path: Path
@@ -196,11 +171,7 @@ class Log:
     columns: Mapping[str, MappedColumn] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> LogSeries:
-        """Return the scalar series `name` of the log.
-
-        Raises:
-            LogError: missing, with the nearest names, or unreadable.
-        """
+        """Return the scalar series `name` of the log; LogError, with the nearest names, if missing or unreadable."""
         if name in self.left_out:
             raise LogError(self.left_out[name])
         if name not in self.series:
@@ -210,8 +181,7 @@ class Log:
     def vector(self, name: str) -> LogSeries:
         """Return the components `name[0]`, `name[1]`, ... of a vector signal as one series of values (n, k).
 
-        Raises:
-            LogError: missing or unreadable components, or components that differ in unit or have no times in common.
+        LogError: missing or unreadable components, or components that differ in unit or have no times in common.
         """
         names = [*self.series, *self.left_out]
         indices = sorted(int(m[1]) for key in names if (m := re.fullmatch(re.escape(name) + r"\[(\d+)\]", key)))

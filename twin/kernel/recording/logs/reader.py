@@ -23,7 +23,6 @@ from twin.kernel.recording.reader import Recording, read
 WALL_CLOCK = 1e8
 """Minimum time of a wall clock (s since 1970); a log's own time is below three years."""
 MAX_NAMED_BAGS = 5
-"""Maximum number of bags in an error message."""
 
 
 def read_log(
@@ -35,15 +34,13 @@ def read_log(
     """Read a log of any kind: a recording of twin, another MCAP file, a ROS 2 bag or a CSV file.
 
     Args:
-        path: a recording of twin (its file, its run's folder, results/EXPERIMENT), another MCAP file, a bag of ROS 2
-            (its folder or one of its files), or a CSV file.
+        path: a recording's file, run folder or results/EXPERIMENT; a bag's folder or one of its files; a file.
         columns: columns by signal, from `column_map`; ignored for a recording of twin.
         part: start and end (s) of the part to read, by the log's time, None for its own; times of a wall clock count
             from the first one.
         known: unit by name of signals in a CSV file, see `read_csv`.
 
-    Raises:
-        LogError, RecordingRefused: missing, empty, damaged, foreign without a map, or with invalid columns.
+    LogError, RecordingRefused: missing, empty, damaged, foreign without a map, or with invalid columns.
     """
     path = Path(path)
     match kind_of(path):
@@ -68,11 +65,7 @@ class LogKind(Enum):
 
 
 def kind_of(path: Path) -> LogKind:
-    """Determine the kind of a log from its first bytes.
-
-    Raises:
-        InputRefused: missing, no regular file, or an MCAP file by its name alone.
-    """
+    """Determine the kind of a log from its first bytes."""
     if is_recording(path):
         return LogKind.RECORDING
     if os.path.isdir(path):
@@ -92,11 +85,7 @@ def kind_of(path: Path) -> LogKind:
 
 
 def is_recording(path: Path) -> bool:
-    """Check whether `path` means a recording of twin, which needs no column map.
-
-    Raises:
-        LogError: a folder with bags, but without a recording.
-    """
+    """Check whether `path` means a recording of twin, which needs no column map."""
     # Path.exists would raise for a too long name
     if is_bag(path):
         return False
@@ -113,9 +102,6 @@ def is_recording(path: Path) -> bool:
 def recording_log(recording: Recording) -> Log:
     """Convert a recording of twin to a log; flags and counts become numbers. Topics with fewer than two samples are
     left out.
-
-    Raises:
-        LogError: no samples.
     """
     series: dict[str, LogSeries] = {}
     for key, field in recording.fields().items():
@@ -132,11 +118,7 @@ def recording_log(recording: Recording) -> Log:
 
 
 def _clip_log(log: Log, part: tuple[float | None, float | None]) -> Log:
-    """Return the given `part` of a log; series with fewer than two samples in it are left out.
-
-    Raises:
-        LogError: no samples in the part.
-    """
+    """Return the given `part` of a log; series with fewer than two samples in it are left out."""
     if part == (None, None):
         return log
     start, end = interval(log.path, part)
@@ -148,11 +130,7 @@ def _clip_log(log: Log, part: tuple[float | None, float | None]) -> Log:
 
 
 def interval(where: Path | str, part: tuple[float | None, float | None]) -> tuple[float, float]:
-    """Return start and end (s) of a requested part of a log; infinite if not given.
-
-    Raises:
-        LogError: the start is not before the end.
-    """
+    """Return start and end (s) of a requested part of a log; infinite if not given."""
     start, end = -math.inf if part[0] is None else part[0], math.inf if part[1] is None else part[1]
     if not start < end:
         raise LogError(f"{where}: from {start:g} to {end:g} s: expected a start before the end")
@@ -189,7 +167,6 @@ def _normalise_log(log: Log, part: tuple[float | None, float | None]) -> Log:
 
 
 def _date(seconds: float) -> str:
-    """Format a Unix time stamp as a UTC date and time."""
     try:
         return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC"
     except (ValueError, OverflowError, OSError):

@@ -27,7 +27,6 @@ from twin.kernel.units import Dimension, Unit
 
 NS_PER_S = 1e9
 STAMP_FIELD = "header.stamp"
-"""Stamp of a ROS 2 message."""
 MAX_CLOCK_DIFFERENCE = 1.0
 """Maximum difference of log times and stamps of one clock (s)."""
 MAX_OVERTAKING, MAX_OVERTAKING_PERIODS = 0.1, 10.0
@@ -47,13 +46,7 @@ MAX_RECORD_BYTES, MAX_HEADER_BYTES = 2**30, 2**20
 
 @dataclass
 class LoggedTopic:
-    """Recorded messages of one topic.
-
-    Attributes:
-        channel, schema: channel and schema of an MCAP file.
-        times: log times (ns), in the order of the file.
-        data: bytes of the messages; empty if no column is of this topic.
-    """
+    """Messages of a topic in the order of the file: log times (ns) and bytes, empty if no column is of this topic."""
 
     channel: Channel
     schema: Schema | None
@@ -78,11 +71,7 @@ def topic_of(column: MappedColumn, topics: Iterable[str]) -> str | None:
 
 
 def factor_of(column: MappedColumn, field_path: str, of_type: str, where: Path | str) -> Unit:
-    """Determine the unit of a mapped column: from the map, else the message's type, else the field's name, else 1.
-
-    Raises:
-        LogError: an unknown unit; the message begins with `where`.
-    """
+    """Return a column's unit: the map's, the message's type's, the field name's, or 1; LogError begins with `where`."""
     return require_unit(column.unit or of_type or split_unit(field_path)[1] or "1", f"{where}: {column.name}")
 
 
@@ -102,17 +91,11 @@ def merge_topics(found: Iterable[LoggedTopic]) -> dict[str, LoggedTopic]:
 def log_from_topics(
     path: Path, topics: Mapping[str, LoggedTopic], columns: Mapping[str, MappedColumn], notes: Sequence[str] = ()
 ) -> Log:
-    """Create a log of the series that the mapped `columns` select from `topics`.
+    """Create a log of the series that `columns` select from `topics`: signal -> `/TOPIC.FIELD.FIELD[INDEX]`.
 
-    Args:
-        path: path of the log.
-        columns: columns by signal, `/TOPIC.FIELD.FIELD[INDEX]`. `time` is a field of the mapped messages; without it
-            log times are used.
-        notes: notes on missing data.
-
-    Raises:
-        LogError: no map, missing topics or fields, unsupported encodings, values that are not finite, times that do not
-            ascend or restart; all errors, one sentence each.
+    `time` is a field of the mapped messages; without it log times are used. LogError: no map, missing topics or fields,
+    unsupported encodings, values that are not finite, times that do not ascend or restart; all errors, one sentence
+    each.
     """
     there = ", ".join(f"{name} ({topic.kind})" for name, topic in topics.items())
     if not any(topic.times for topic in topics.values()):
@@ -190,25 +173,17 @@ def _readings(
 
 
 class TopicReading:
-    """Decoded messages of one topic, as numbers over time.
+    """Decoded messages of one topic, as numbers over time `t` (n,), s, NaN without a time; `notes` on its clocks.
 
-    Attributes:
-        notes: notes on its clocks.
-        delay: delay of log times behind stamps (s); 0 without stamps.
-        t: times of the messages (n,), s; NaN without a time.
+    `delay` is the delay of log times behind stamps (s); 0 without stamps.
     """
 
     def __init__(
         self, path: Path, name: str, topic: LoggedTopic, time: MappedColumn | None, field_paths: Sequence[str]
     ) -> None:
-        """Decode every message of a topic once, and determine the times.
+        """Decode the needed fields of a topic once, and determine the times from a field, or log times if None.
 
-        Args:
-            time: field with the times; None for log times.
-            field_paths: needed fields.
-
-        Raises:
-            LogError: an unsupported encoding, an undecodable message, or invalid times.
+        LogError: an unsupported encoding, an undecodable message, or invalid times.
         """
         self._path, self._name = path, name
         logged = np.array(topic.times, dtype=np.uint64) / NS_PER_S
@@ -232,8 +207,7 @@ class TopicReading:
     def series(self, field_path: str, column: MappedColumn) -> LogSeries:
         """Return the values of a message field as a series, in SI and in order of time.
 
-        Raises:
-            LogError: no such field or unit, no numbers, equal times or a restart.
+        LogError: no such field or unit, no numbers, equal times or a restart.
         """
         where = f"{self._path}: {self._name}"
         numbers = self._found[field_path]
@@ -280,13 +254,9 @@ class TopicReading:
 
 @dataclass(frozen=True)
 class Numbers:
-    """Values of one field over all messages of a topic.
+    """Values (k,) of a field in the messages `rows` (ascending) of a topic; the unit is by their type, "" without one.
 
-    Attributes:
-        values: values (k,).
-        rows: indices of the messages with a value, ascending, (k,).
-        unit: unit by the type of the messages; empty if the type has no unit.
-        invalid: indices of further messages with NaN, null or infinity.
+    `invalid` are indices of further messages with NaN, null or infinity.
     """
 
     values: NDArray[np.float64]
@@ -359,14 +329,7 @@ def restart_index(t: NDArray[np.float64]) -> int:
 
 
 def clock_note(name: str, logged: NDArray[np.float64], stamps: NDArray[np.float64], by_stamp: bool) -> str:
-    """Create the note that a topic's stamps are of another clock than the log's; empty for the same clock.
-
-    Args:
-        name: name of the topic.
-        logged: log times in the order of the log, s, (n,).
-        stamps: stamps of the messages, s, (n,).
-        by_stamp: whether stamps are used as times.
-    """
+    """Create the note that stamps are of another clock than the log's; empty if not. Times (n,), s, as logged."""
     if not by_stamp and (again := restart_index(stamps)):
         return (
             f"the stamps of {name} start anew {logged[again] - logged[0]:.3f} s after its first message: "
@@ -397,14 +360,7 @@ def written_by_twin(path: Path) -> bool:
 
 
 def read_mcap(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
-    """Read an MCAP file as a log; a truncated file is read up to its end, with a note.
-
-    Args:
-        columns: see `log_from_topics`.
-
-    Raises:
-        LogError: damaged, or as `log_from_topics`.
-    """
+    """Read an MCAP file as a log, see `log_from_topics`; a truncated file is read up to its end, with a note."""
     found, note = read_topics(path, columns)
     return log_from_topics(path, merge_topics(found), columns, (note,) if note else ())
 
@@ -412,14 +368,9 @@ def read_mcap(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
 def read_topics(
     path: Path, columns: Mapping[str, MappedColumn], file: Path | None = None
 ) -> tuple[list[LoggedTopic], str]:
-    """Read the topics of an MCAP file, one for each publisher, and a note on a truncated end.
+    """Read the topics, with messages of `columns`, of an MCAP file by publisher, and a note on a truncated end.
 
-    Args:
-        columns: columns whose topics' messages are kept.
-        file: compressed file, named in error messages instead.
-
-    Raises:
-        LogError: damaged.
+    `file` is the compressed file, named in error messages instead. LogError: damaged.
     """
     where = file or path
     schemas: dict[int, Schema] = {}

@@ -32,9 +32,7 @@ ROUNDING_TOLERANCE = 1e-9
 MIN_FREQUENCY = 0.02
 """Minimum evaluated frequency (Hz), below which a robot drifts rather than responds."""
 DRIFT_RATE = 0.01
-"""Maximum growth rate (1/s) of a drift: a force loop that has lost its surface drifts, and its weight and geometry
-change meanwhile; this does not count as a swing.
-"""
+"""Maximum growth rate (1/s) of a drift, not a swing: a force loop that lost its surface, whose geometry changes."""
 Complex = NDArray[np.complex128]
 
 
@@ -129,11 +127,7 @@ def load_along(direction: loops.Matrix, mass: float, stiffness: float) -> HandLo
 
 @dataclass(frozen=True)
 class FreePlant:
-    """Linear model of springs and mechanism around an operating point, without the body.
-
-    Attributes:
-        linear: linearised plant with the body.
-    """
+    """Linear model of springs and mechanism around an operating point, without the body, which `linear` includes."""
 
     linear: control.StateSpace
 
@@ -173,12 +167,7 @@ class FreePlant:
 
 @dataclass(frozen=True)
 class Hand:
-    """The closed loops as felt by a hand at the platform: x(k+1) = A x + B F, p = C x, at the controller's period.
-
-    Attributes:
-        A, B, C: (n, n), (n, 3), (3, n).
-        period: s.
-    """
+    """The closed loops as felt by a hand at the platform: x(k+1) = A x + B F, p = C x, at the period (s)."""
 
     A: loops.Matrix
     B: loops.Matrix
@@ -216,7 +205,6 @@ class Hand:
 def robot_with(
     free: FreePlant, held: HandLoad, drives: tuple[loops.DriveModel, ...], stepping: loops.LoopStepping
 ) -> control.StateSpace:
-    """Build the sampled linear model of drives and plant with a load in the hand, from controller call to call."""
     return loops.period_map(loops.tick_map(free.with_load(held), drives, stepping), stepping)
 
 

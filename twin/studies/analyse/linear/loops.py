@@ -207,16 +207,7 @@ def _damp_motors(felt, torque_per_spring, tau_l, h, lead):
 
 
 class LoopSettings(NamedTuple):
-    """The controller's settings for the linear analysis, SI.
-
-    Attributes:
-        N: belt ratio.
-        eta: belt efficiency, as believed.
-        position, force: gains.
-        corner: low-pass on the force (Hz).
-        damping: None if the controller has no damping.
-        period: s.
-    """
+    """The controller's settings for the linear analysis, SI: belt ratio N, believed eta, low-pass `corner` (Hz)."""
 
     N: float
     eta: float
@@ -249,9 +240,6 @@ def estimation(belief: Belief, gravity_compensation: bool, read: Matrix, standin
 
     Args:
         standing: motor speeds (3,) that the law commands at rest, rad/s, to compensate the drives' droop.
-
-    Raises:
-        numpy.linalg.LinAlgError: the pose is singular.
     """
     at = memory_of(_ESTIMATION_RECORD, belief=tuple(belief), gravity_compensation=gravity_compensation)
     per_turn = np.repeat([belief.motor_counts, belief.joint_counts], 3) / (2.0 * np.pi)
@@ -482,11 +470,7 @@ def open_loops(robot: control.StateSpace, law: LinearLaw, whole: bool = False) -
 
 
 def linked_states(A: Matrix, B: Matrix, C: Matrix) -> NDArray[np.int64]:
-    """Return the indices of the states that an input can reach and an output can see.
-
-    Other states are always at rest, like the integral of a loop with ki = 0 or the bristle of an untouched surface, and
-    each of them would be a pole at z = 1.
-    """
+    """Return the states that inputs reach and outputs see; others stay at rest and would be poles at z = 1."""
     linked = A != 0.0
     reached, seen = np.any(B != 0.0, axis=1), np.any(C != 0.0, axis=0)
     for _ in range(len(A)):
@@ -495,10 +479,7 @@ def linked_states(A: Matrix, B: Matrix, C: Matrix) -> NDArray[np.int64]:
 
 
 def closed_loops(loops: Loops, gains: Mapping[str, float]) -> Loops:
-    """Close some loops of the linear system, each with a factor on all gains of its control law.
-
-    Inputs and outputs stay: an input at a closed loop is added to its signal.
-    """
+    """Close some loops, each with a factor on its law's gains; an input at a closed loop is added to its signal."""
     n = len(LOOPS)
     K = np.diag([gains.get(name, 0.0) for name in LOOPS])
     # a = K b + external inputs, b = C_b x + D_b a: solvable because no loop depends directly on itself

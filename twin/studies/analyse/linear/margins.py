@@ -43,8 +43,7 @@ LARGEST_GAIN = 1000.0
 """Largest gain factor examined; a larger gain margin counts as unlimited."""
 HALF_POWER = 1.0 / np.sqrt(2.0)
 NORM_EXPONENTS = (4.0, 32.0, 256.0, 2048.0)
-"""Exponents of the norms, ending near the largest singular value: seven equal ones make the last norm 0.1 % too large.
-"""
+"""Exponents of the norms up to about the largest singular value: seven equal ones make the last 0.1 % too large."""
 MAX_STEPS, MAX_STEP_LENGTH, MIN_STEP_SHARE = 60, 3.0, 1e-9
 """Maximum number of steps of log D, maximum step, and minimum share of a step in the line search."""
 MAX_SPREAD = 60.0
@@ -52,7 +51,6 @@ MAX_SPREAD = 60.0
 MIN_FALL, MIN_NORM = 1e-13, 1e-300
 """Thresholds below which a decrease of the norm, and a matrix, count as zero."""
 BOUND_TOLERANCE = 1e-5
-"""Maximum relative difference of equal bounds."""
 REFINED_POINTS = 25
 """Number of frequencies examined on either side of the smallest margin, in each of two refinements."""
 
@@ -96,10 +94,7 @@ def response(system: control.StateSpace, omega: Matrix) -> Complex:
 
 
 def loop_response(loops: Loops, gains: dict[str, float], name: str, omega: Matrix) -> Complex:
-    """Return the loop gain L (n,) of one loop, opened at its law's output, with the other loops closed.
-
-    1 + L = 0 is critical.
-    """
+    """Return the loop gain L (n,) of one loop, opened at its law's output, others closed; 1 + L = 0 is critical."""
     others = closed_loops(loops, {loop: gain for loop, gain in gains.items() if loop != name})
     i = LOOPS.index(name)
     return -gains[name] * response(others[i, i], omega)[:, 0, 0]
@@ -152,10 +147,7 @@ def worst_sensitivity(loops: Loops, gains: dict[str, float]) -> float:
 
 
 def sensitivity(loops: Loops, gains: dict[str, float], breaks: Sequence[str], omega: Matrix) -> Complex:
-    """Return the sensitivity (1 + L)^-1 (n, k, k) of loops that are opened at several points at once.
-
-    The sensitivity is the response to an input at the break, with the input itself and the feedback.
-    """
+    """Return the sensitivity (1 + L)^-1 (n, k, k) of loops opened at several points at once, input included."""
     closed = closed_loops(loops, gains)
     labels = closed.input_labels, closed.output_labels
     inputs, outputs = ([there.index(name) for name in breaks] for there in labels)
@@ -195,10 +187,7 @@ class Pole(NamedTuple):
 
 
 def poles(z: Complex, period: float) -> list[Pole]:
-    """Convert poles in z (n,) to frequency and damping ratio, slowest decay first; one of each conjugate pair.
-
-    Pure delays are left out.
-    """
+    """Convert poles in z (n,) except pure delays to `Pole`, slowest decay first, one per conjugate pair."""
     lasting = z[(np.abs(z) > 1e-6) & (z.imag >= 0.0)]
     s = np.log(lasting) / period
     # a pole at z = 1 neither grows nor decays; avoid a division by zero
@@ -216,10 +205,6 @@ def best_scaling(M: Complex, start: Matrix) -> Matrix:
 
     The largest singular value is a convex function of log D with edges where singular values are equal; sums of their
     powers are smooth and approach it with the exponent (Schatten norms).
-
-    Args:
-        M: (k, k).
-        start: initial log D.
     """
     found = start
     for exponent in NORM_EXPONENTS:
@@ -263,11 +248,7 @@ def _minimise_norm(M: Complex, log_D: Matrix, exponent: float) -> Matrix:
 
 
 def largest_mu(M: Complex) -> tuple[int, float]:
-    """Return (index, bound) of the matrix in `M` (n, k, k) with the largest structured singular value bound.
-
-    The best scaling for the seemingly largest matrix is also good for its neighbours, so that few matrices have to be
-    examined.
-    """
+    """Return (index, bound) of the largest structured singular value in `M` (n, k, k); neighbours share a scaling."""
     bounds = np.linalg.svd(M, compute_uv=False)[:, 0]
     log_D, looked_at = np.zeros(M.shape[-1]), 0.0
     for _ in range(len(M)):
@@ -323,6 +304,5 @@ def disk_margin(loops: Loops, gains: dict[str, float], breaks: Sequence[str]) ->
 
 
 def _refined_frequencies(omega: Matrix, which: int) -> Matrix:
-    """Return additional frequencies between the neighbours of one frequency of a grid."""
     low, high = omega[max(which - 1, 0)], omega[min(which + 1, len(omega) - 1)]
     return np.unique(np.concatenate([np.geomspace(low, high, 2 * REFINED_POINTS + 1), [omega[which]]]))

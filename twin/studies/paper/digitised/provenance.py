@@ -45,14 +45,7 @@ class FileHead(Settings):
 
 @dataclass(frozen=True)
 class Provenance:
-    """Origin and uncertainty of a curve digitised from the paper.
-
-    Attributes:
-        head: head of the file.
-        signal: name of the curve in the log.
-        value: uncertainty of the signal (SI).
-        time: uncertainty of the time (s).
-    """
+    """Origin of a digitised curve, its signal in the log, and uncertainties of value (SI) and time (s)."""
 
     head: FileHead
     signal: str
@@ -61,17 +54,12 @@ class Provenance:
 
     @property
     def text(self) -> str:
-        """One line on a digitised curve's origin for the reader of a comparison."""
         figure, done = self.head.figure, self.head.digitised
         return f"Fig. {figure.number} {figure.panel}, {figure.curve}: digitised by {done.by} on {done.on}, {done.tool}"
 
 
 def provenance(log: Log) -> Provenance | None:
-    """Parse the origin of a digitised curve from its log; None if the log is not a digitised curve.
-
-    Raises:
-        LogError: the head does not follow the README.md in this folder, or claims an accuracy below half a pixel.
-    """
+    """Parse the origin of a digitised curve from its log; None if the log is not a digitised curve."""
     if "[figure]" not in log.comments:
         return None
     try:
@@ -107,10 +95,7 @@ def _check(log: Log, column: str, width: float, calibration: dict[str, Points]) 
 
 
 def _by_column(content: dict[str, Any]) -> dict[str, Any]:
-    """Return the entries of a file's head by column name.
-
-    TOML parses the dot in `controller.F_z_N` as a nested table.
-    """
+    """Return the head's entries by column name; TOML parses the dot in `controller.F_z_N` as a nested table."""
     tables = {key: content[key] for key in ("calibration", "uncertainty") if isinstance(content.get(key), dict)}
     return content | {key: dict(_columns("", table)) for key, table in tables.items()}
 

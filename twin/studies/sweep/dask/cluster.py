@@ -35,10 +35,7 @@ T = TypeVar("T")
 
 
 class ClusterLost(ComponentFailed):
-    """Error for the loss of a cluster during a sweep: scheduler or all workers gone, or a timeout.
-
-    Rows written before are kept.
-    """
+    """Error for the loss of scheduler, all workers or an answer during a sweep; rows written before are kept."""
 
 
 def call_with_timeout(
@@ -81,12 +78,7 @@ def attempt_with_timeout(limit: float, call: Callable[..., object], *arguments: 
 
 @contextmanager
 def connect_client(scheduler: str) -> Iterator[Client]:
-    """Yield a Dask client of the cluster whose scheduler has the given address.
-
-    Raises:
-        InputRefused: no scheduler answers there, it has no workers, or one is not like this machine.
-        ClusterLost: the cluster stops answering.
-    """
+    """Yield a client of the scheduler's cluster; refuse other machines, raise `ClusterLost` if it stops answering."""
     with ExitStack() as ends:
         ends.enter_context(_silence_dask())
         _refuse_no_scheduler(scheduler)
@@ -108,11 +100,7 @@ def connect_client(scheduler: str) -> Iterator[Client]:
 
 
 def refuse_other_versions(client: Client) -> None:
-    """Refuse a Dask cluster unless scheduler and workers run the same versions as this process.
-
-    Raises:
-        InputRefused: one of them has other versions, or lacks a compatible twin.
-    """
+    """Refuse a Dask cluster unless scheduler and workers run the same versions as this process."""
     workers: dict[str, Any] = {}
     try:
         scheduler: Any = call_with_timeout(ANSWER_TIMEOUT, client.run_on_scheduler, versions)
@@ -128,10 +116,7 @@ def refuse_other_versions(client: Client) -> None:
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Return the software versions that must match for a run to give the same bits, by their names in messages.
-
-    The version of twin is followed by a hash of its files: in a clone the code changes under the same version number.
-    """
+    """Return the versions that decide a run's bits; twin's with a hash of its files, as code in a clone changes."""
     content = hashlib.sha256()
     for name, source in package_sources(str(PACKAGE_FOLDER)).items():
         content.update(f"{name}\0".encode() + source)
@@ -151,14 +136,7 @@ def _version(package: str) -> str:
 
 
 def difference(who: str, theirs: dict[str, str] | BaseException, ours: dict[str, str]) -> str:
-    """Describe a difference of versions: `tcp://10.0.0.5:4001 has numba 0.59.1, this machine has 0.61.0`.
-
-    "" if the versions are equal.
-
-    Args:
-        who: name of the other process.
-        theirs: versions of the other process, or the exception raised if it has no compatible twin.
-    """
+    """Describe a difference, `tcp://10.0.0.5:4001 has numba 0.59.1, this machine has 0.61.0`, or "" if equal."""
     if not isinstance(theirs, dict):
         return f"{who} has no twin like this one ({type(theirs).__name__}: {theirs})"
     problems = [
@@ -170,7 +148,6 @@ def difference(who: str, theirs: dict[str, str] | BaseException, ours: dict[str,
 
 
 def refusal(difference: str) -> str:
-    """Return the error message for a machine of the cluster with other versions than this one."""
     return (
         f"--engine dask: {difference}; runs would not give the same numbers everywhere: "
         "install the same on all machines (docs/sweep.md)"
@@ -178,13 +155,7 @@ def refusal(difference: str) -> str:
 
 
 def _refuse_no_scheduler(address: str) -> None:
-    """Refuse an address at which no Dask scheduler answers.
-
-    Dask's client would wait forever for a silent server.
-
-    Raises:
-        InputRefused: no scheduler answers at the address.
-    """
+    """Refuse an address where no Dask scheduler answers; Dask's client would wait forever for a silent server."""
 
     async def role() -> str:
         comm = await connect(address, timeout=CONNECT_TIMEOUT, **Security().get_connection_args("client"))

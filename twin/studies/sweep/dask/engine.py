@@ -26,13 +26,9 @@ from twin.studies.sweep.measures import failure
 from twin.studies.sweep.plan import Task, files_digest, text_settings
 
 BATCH_SECONDS = 0.5
-"""Target duration of a batch (s): long enough to make the scheduler's milliseconds negligible, short enough to lose
-little with a worker.
-"""
+"""Target duration of a batch (s): the scheduler's milliseconds are negligible, little is lost with a worker."""
 MIN_SECONDS_PER_THREAD = 0.004
-"""Minimum duration of a batch per thread of the cluster (s): all threads share one scheduler and one client, which need
-about 2 ms per batch (docs/sweep.md).
-"""
+"""Minimum batch per thread (s): scheduler and client need about 2 ms per batch (docs/sweep.md)."""
 MAX_BATCH_SIZE = 256
 BATCHES_PER_THREAD = 2
 """Number of batches in progress per thread: one running, one queued."""
@@ -52,12 +48,7 @@ class DaskEngine:
         self._scheduler = scheduler
 
     def results(self, job: Job, tasks: Sequence[Task]) -> Generator[list[Result]]:
-        """Run the tasks of a sweep on the cluster and yield their results in batches.
-
-        Raises:
-            InputRefused: there is no such cluster, it lacks workers, or they are not like this machine.
-            ClusterLost: the cluster was there and is gone.
-        """
+        """Run the tasks and yield results in batches; refuse unlike clusters, raise `ClusterLost` if gone."""
         files = dict.fromkeys((task.drive, text_settings(task.settings)) for task in tasks)
         job = replace(job, files={each: files_digest(job.experiment, *each) for each in files})
         with connect_client(self._scheduler) as client:
@@ -83,11 +74,7 @@ class _Batches:
         self._threads, self._looked, self._worker_seen = 1, -CHECK_PERIOD, time.monotonic()
 
     def begin(self) -> None:
-        """Register the sweep with the cluster's scheduler and every worker, including workers that join later.
-
-        Raises:
-            ClusterLost: the cluster does not answer.
-        """
+        """Register the sweep with scheduler, present and future workers; raise `ClusterLost` without an answer."""
         for plugin in (EndPlugin(self._sweep, self._client.id), SweepPlugin(self._sweep, self._job)):
             try:
                 call_with_timeout(ANSWER_TIMEOUT, self._client.register_plugin, plugin)
@@ -97,7 +84,6 @@ class _Batches:
                 ) from None
 
     def results(self) -> Generator[list[Result]]:
-        """Send all batches of runs to the cluster and yield their results."""
         # Keys and parameters are not needed to make a run.
         waiting = deque(replace(task, key="", parameters={}) for task in self._tasks.values())
         left = len(waiting)
@@ -124,18 +110,13 @@ class _Batches:
                 time.sleep(POLL_PERIOD)
 
     def stop(self) -> None:
-        """Cancel the batches of runs that are in progress in the cluster's workers."""
         # A lost cluster needs no cleanup, and the loss is already reported.
         if self._client.status == "running":
             attempt_with_timeout(END_TIMEOUT, self._client.cancel, list(self._under_way), force=True)
             attempt_with_timeout(END_TIMEOUT, self._client.unregister_worker_plugin, self._sweep)
 
     def _check_cluster(self) -> None:
-        """Check that the cluster is connected, and count its threads, at most once per `CHECK_PERIOD`.
-
-        Raises:
-            ClusterLost: the cluster is gone.
-        """
+        """Check that the cluster is connected, and count its threads, at most once per `CHECK_PERIOD`."""
         if self._client.status != "running":
             raise self._cluster_error()
         if time.monotonic() - self._looked < CHECK_PERIOD:
@@ -160,10 +141,7 @@ class _Batches:
         )
 
     def _batch(self, waiting: deque[Task]) -> list[Task]:
-        """Take the runs of the next batch off the waiting ones.
-
-        Batches shrink towards the end, so that all threads finish together.
-        """
+        """Take the next batch off the waiting runs; batches shrink at the end, so that all threads finish together."""
         share = -(-len(waiting) // (BATCHES_PER_THREAD * self._threads))
         seconds = max(BATCH_SECONDS, MIN_SECONDS_PER_THREAD * self._threads)
         size = max(1, min(int(seconds / self._seconds), MAX_BATCH_SIZE, share))
@@ -175,12 +153,7 @@ class _Batches:
         self._ended.add(future)
 
     def _is_worker_death(self, reply: Any) -> bool:
-        """Whether a batch failed because all cluster workers that tried it have died.
-
-        Raises:
-            ClusterLost: the scheduler is gone.
-            TwinError: no run can continue.
-        """
+        """Whether a batch failed because all cluster workers that tried it have died."""
         match reply:
             case list():
                 return False

@@ -23,14 +23,7 @@ class _SweepEnd(Exception):
 
 
 class SweepPlugin(WorkerPlugin):
-    """Dask worker plugin with one warm process of the sweep per thread.
-
-    It is also installed on workers that join later.
-
-    Args:
-        name: name of the sweep, unique in the cluster.
-        job: data shared by the runs.
-    """
+    """Dask worker plugin with one warm process per thread, also installed on workers that join later."""
 
     def __init__(self, name: str, job: Job):
         self.name, self._job, self._versions = name, job, versions()
@@ -55,12 +48,7 @@ class SweepPlugin(WorkerPlugin):
                     process.close()
 
     def results(self, tasks: Sequence[Task]) -> list[RunFacts]:
-        """Make runs of the sweep in this cluster worker and return their fields; fewer if the sweep ends meanwhile.
-
-        Raises:
-            InputRefused: this worker differs from the sending machine, or reads other files.
-            TwinError: no run can continue.
-        """
+        """Make runs in this worker and return their fields, fewer if the sweep ends; refuse unlike machines, files."""
         if self._difference:
             raise InputRefused(refusal(self._difference))
         with self._lock:
@@ -87,12 +75,7 @@ class SweepPlugin(WorkerPlugin):
 
 
 class EndPlugin(SchedulerPlugin):
-    """Dask scheduler plugin that ends a sweep in all workers when its client is gone, for example killed.
-
-    Args:
-        name: name of the sweep.
-        client: Dask's name of the client.
-    """
+    """Dask scheduler plugin that ends a sweep in all workers when its client is gone, for example killed."""
 
     def __init__(self, name: str, client: str):
         self.name, self._client = name, client
@@ -106,7 +89,6 @@ class EndPlugin(SchedulerPlugin):
 
 
 def run_tasks(name: str, tasks: Sequence[Task]) -> list[RunFacts]:
-    """Make runs of a sweep in a Dask worker and return their fields."""
     plugin = get_worker().plugins[name]
     assert isinstance(plugin, SweepPlugin)
     return plugin.results(tasks)

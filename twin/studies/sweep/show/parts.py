@@ -29,12 +29,10 @@ MEDIAN_INDEX = ranking.QUANTILES.index(0.5)
 WIDE_INTERVAL = 0.3
 """Width of a confidence interval above which it stays open whether a parameter matters."""
 COVERAGE_NOTE = "the aim; on functions with known indices they held the truth 92 % of the times, the worst index 82 %"
-"""Empirical coverage, see docs/sweep.md; tests/studies/sweep/statistics/test_sensitivity.py repeats a part of
-it."""
+"""Empirical coverage, see docs/sweep.md; tests/studies/sweep/statistics/test_sensitivity.py repeats a part."""
 FAMILYWISE_LEVEL = 0.05
 """Familywise error rate of the stars, over all parameters of a table together (Holm 1979)."""
 MAX_EQUAL_ROWS = 12
-"""Maximum number of rows of the best run and its equals."""
 COMPANION_TITLES = {SETTLING_TIME: "settles s", HOLD_OVERSHOOT: "overshoot %", FELT_STIFFNESS: "felt N/m"}
 """Additional measures in the tables of runs, and their column titles."""
 MAX_FRONT_ROWS = 8
@@ -43,7 +41,6 @@ MAX_WORST_ROWS = 40
 MAX_HEADLINE_VALUES = 3
 """Maximum number of parameter values of the best run in the headline; with more, they are only in the table."""
 BIN_SHADES = " .:-=+*#"
-"""Shades of histogram bins in text, from empty to fullest."""
 HISTOGRAM_TITLE = "least to most"
 SENSITIVITY_KEYS = ("correlation", "indices")
 """Keys of the parts that the text has with `--sensitivity` only; JSON and page always have them."""
@@ -54,7 +51,6 @@ class ReportPart:
     """A titled table with remarks.
 
     Attributes:
-        key: short name.
         head, rows: column titles, and cells of each row; empty without a table.
         remarks: sentences below the table.
         notes: text of a first cell -> explanation, shown only on a page, where there is room.
@@ -171,10 +167,7 @@ def sensitivity_parts(sweep: SweepRows, metric: str) -> list[ReportPart]:
 
 
 def significant_parameters(correlations: dict[str, sensitivity.Correlation]) -> set[str]:
-    """Return the parameters whose correlation is significant at the familywise level `FAMILYWISE_LEVEL`.
-
-    Source: Holm (1979), A simple sequentially rejective multiple test procedure.
-    """
+    """Return the parameters with a significant correlation at `FAMILYWISE_LEVEL`, by Holm (1979)."""
     stars: set[str] = set()
     ordered = sorted(correlations.items(), key=lambda item: item[1].p)
     for tested, (label, found) in enumerate(ordered):
@@ -247,9 +240,7 @@ class SweepQuery:
     """A query for the report of a sweep.
 
     Attributes:
-        by: metric to rank runs by.
         against: other metric of the Pareto front.
-        top: number of best runs to show.
         worst_over: parameter over which every choice of the other parameters is judged by its worst run; None to skip.
     """
 
@@ -260,11 +251,7 @@ class SweepQuery:
 
 
 def parts(sweep: SweepRows, asked: SweepQuery) -> list[ReportPart]:
-    """Return all parts of the report, most important first.
-
-    A sweep with claims starts with the claims and has no best run, since its parameters are uncertain and cannot be
-    chosen.
-    """
+    """Return all parts, most important first; with claims no best run, as uncertain values cannot be chosen."""
     judged = claims_part(sweep)
     found: list[ReportPart | None] = [judged] if judged else [f(sweep, asked) for f in (_best, _margins, _drives)]
     if asked.worst_over is not None:
@@ -509,11 +496,7 @@ def _reasons(sweep: SweepRows) -> ReportPart | None:
 
 
 def axes_of(sweep: SweepRows, x: str | None, y: str | None) -> tuple[str, str] | None:
-    """Return the two parameters of the map: the requested ones, else the first numeric ones; None with fewer than two.
-
-    Raises:
-        InputRefused: a requested parameter does not vary.
-    """
+    """Return the two parameters of the map: the requested ones, else the first numeric; None if fewer than two."""
     numeric = ranking.numeric_labels(sweep.labels, sweep.columns)
     names = short_names(sweep.labels)
     chosen = []
@@ -531,11 +514,7 @@ def axes_of(sweep: SweepRows, x: str | None, y: str | None) -> tuple[str, str] |
 
 
 def worst_label(sweep: SweepRows, wanted: str | None) -> str | None:
-    """Return the full label of the `--worst-over` parameter, given by its full or short name.
-
-    Raises:
-        InputRefused: no parameter of that name varies.
-    """
+    """Return the full label of the `--worst-over` parameter, given by its full or short name."""
     names = short_names(sweep.labels)
     found = next((label for label in sweep.labels if wanted in (label, names[label])), None)
     if wanted is not None and found is None:
@@ -544,7 +523,6 @@ def worst_label(sweep: SweepRows, wanted: str | None) -> str | None:
 
 
 def sweep_text(sweep: SweepRows, asked: SweepQuery, sensitivity: bool = False) -> str:
-    """Return the report of a sweep as text, with rank correlations and Sobol indices if `sensitivity`."""
     found = parts(sweep, asked)
     shown = [part for part in found if sensitivity or part.key not in SENSITIVITY_KEYS]
     more = ["", "rank correlations and Sobol indices: --sensitivity"] if len(shown) < len(found) else []
@@ -558,7 +536,6 @@ def _blocks(part: ReportPart) -> list[Block]:
 
 
 def headline_text(sweep: SweepRows, by: str) -> str:
-    """Return the first sentence in lines of at most 80 characters."""
     return lay_out([_fold(headline(sweep, by))])
 
 

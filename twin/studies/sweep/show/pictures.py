@@ -45,7 +45,6 @@ from twin.studies.sweep.statistics.ranking import (
 from twin.studies.sweep.stored import SweepRows
 
 MAX_DOTS = 50_000
-"""Maximum number of dots that are all drawn."""
 DRIVE_COLORS = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, "#000000")
 DRIVE_MARKERS = "osD^vP*X"
 MAX_STACKED_DOTS = 4
@@ -58,8 +57,7 @@ MAX_NUMBERED_CELLS = 2_500
 MAX_NAMED_LEVELS = 10
 """Maximum number of levels named along an axis without cell labels."""
 FENCE_FACTOR = 3.0
-"""Distance from the quartiles, in interquartile ranges, beyond which a value is an outlier (Tukey 1977, "outer
-fences")."""
+"""Outliers are farther from the quartiles, in interquartile ranges (Tukey 1977, "outer fences")."""
 PANEL_COLUMNS = 3
 BAND_PANELS = (
     ("A", "z", "z position, estimated (mm)", 1e3),
@@ -101,11 +99,6 @@ def _cells(along: Numbers, cells: int) -> NDArray[np.int64]:
 
 
 def draw_front(sweep: SweepRows, asked: SweepQuery, path: Path) -> None:
-    """Draw the Pareto front and all ranked runs of a sweep to `path` (PNG).
-
-    Raises:
-        NotWritten: the disk refuses.
-    """
     with picture(path, 7.5, 4.8) as figure:
         axes = figure.subplots()
         columns = sweep.columns
@@ -172,10 +165,7 @@ def draw_sweep(sweep: SweepRows, axes: tuple[str, str], metric: str, path: Path)
 
 
 def shown_range(values: Numbers) -> tuple[float, float, str]:
-    """Return (low, high, remark) of a map's color scale, without outliers, which would flatten all other colors.
-
-    The remark counts the outliers clipped to the ends of the scale; "" without outliers.
-    """
+    """Return (low, high, remark) of a color scale without outliers; the remark counts them, "" without any."""
     if not len(values):
         return 0.0, 1.0, ""
     first, third = np.quantile(values, [0.25, 0.75])
@@ -230,7 +220,6 @@ def _levels(x: Numbers, y: Numbers) -> tuple[Numbers, Numbers] | None:
 def _draw_grid(
     panel: Axes, shade: ScalarMappable, levels: Sequence[Numbers], best: Numbers, cells: NDArray[np.int64]
 ) -> None:
-    """Draw a map of a grid sweep: the best number of each cell."""
     many = len(cells) > MAX_NUMBERED_CELLS
     if many:
         colours = shade.to_rgba(best)
@@ -260,11 +249,6 @@ def _draw_cell(panel: Axes, shade: ScalarMappable, i: int, j: int, best: float) 
 
 
 def draw_spreads(sweep: SweepRows, path: Path) -> None:
-    """Draw the distribution of each metric of a sweep to `path` (PNG).
-
-    Raises:
-        NotWritten: the disk refuses.
-    """
     columns = sweep.columns
     metrics, drives = metrics_in(columns), drives_in(columns)
     lines = -(-len(metrics) // PANEL_COLUMNS)
@@ -293,13 +277,7 @@ def draw_spreads(sweep: SweepRows, path: Path) -> None:
 
 
 def draw_bands(bands: Bands, sweep: SweepRows, path: Path) -> None:
-    """Draw the quantile bands of a sweep's curves to `path` (PNG).
-
-    Panels A to D reproduce Fig. 4, with the force-position run on top, as in the paper; below are the true signals.
-
-    Raises:
-        NotWritten: the disk refuses.
-    """
+    """Draw the quantile bands (A to D as Fig. 4, force-position on top; true signals below) to `path` (PNG)."""
     # Slow to import, and few sweeps judge claims.
     from twin.studies.paper.fig4_figure import FP_BASED, FP_REFERENCE, P_BASED
 
@@ -338,14 +316,7 @@ def _draw(axes: Axes, bands: Bands, name: str, scale: float, color: str, label: 
 
 
 def write_pictures(sweep: SweepRows, asked: SweepQuery, x: str | None, y: str | None, folder: Path) -> dict[str, Path]:
-    """Draw all pictures of a sweep into an existing folder (PNG); return kind of picture -> file.
-
-    Args:
-        x, y: parameters of the heat map; None for the first two.
-
-    Raises:
-        InputRefused: x or y does not vary, or a file cannot be written.
-    """
+    """Draw all pictures (heat map over x and y, default the first two) into a folder; return kind -> file."""
     files: dict[str, Path] = {}
     axes = axes_of(sweep, x, y)
     # Curves are only in the rows, not in the columns.

@@ -30,9 +30,7 @@ USUAL_AGAINST = (SETTLING_TIME, HOLD_ERROR, HOLD_OVERSHOOT, "lateral_error_mm")
 UNRANKED_METRICS = ("end_N", "peak_time_s", "hold_mean_error_N", "hold_begin_s", "hold_end_s", "holds_count",
             "felt_stiffness_N_per_m", "chatter_frequency_Hz")  # fmt: skip
 UNRANKED_MEASURES = ("mean", "peak", "steady_state_error", "frequency")
-"""Metrics of measures without a better direction: the target of a force or signal is its reference. For every other
-metric less is better.
-"""
+"""Metrics without a better direction, whose target is a reference; for every other metric less is better."""
 
 METRIC_DECIMALS = 12
 """Decimals of a metric; differences beyond them are floating-point rounding and do not rank runs."""
@@ -45,10 +43,7 @@ HOLDS_VERDICTS, FAILS_VERDICTS = ("holds", "reproduced after all"), ("fails", "n
 
 @cache_per_columns
 def value(columns: Columns, metric: str) -> Numbers:
-    """Return a metric, or a claim's measured quantity, for each run of a sweep, (n,).
-
-    NaN if the run has no such value: it failed, no force was controlled, or the event never happened.
-    """
+    """Return a metric or claim's quantity per run, (n,); NaN if failed, uncontrolled or without the event."""
     name = f"metrics/{metric}"
     found = columns.numbers(name) if name in columns.by_name else np.full(len(columns), np.nan)
     if f"verdicts/{metric}" in columns.by_name:
@@ -92,7 +87,6 @@ def usual_metric(columns: Columns) -> str:
 
 
 def usual_against(columns: Columns, by: str) -> str:
-    """Return the second metric of a sweep's Pareto front by default."""
     return _first_available(columns, [metric for metric in USUAL_AGAINST if metric != by])
 
 
@@ -109,21 +103,11 @@ def metrics_in(columns: Columns) -> list[str]:
 
 
 def claims_in(columns: Columns) -> list[str]:
-    """Return the keys of the paper's claims judged on at least one run of a sweep."""
     return list(columns.names_in_group("verdicts"))
 
 
 def require_rank(option: str, metric: str, known: Sequence[str], claims: Sequence[str] = ()) -> str:
-    """Return a metric after checking that a sweep's runs can be ranked by it.
-
-    Args:
-        option: option of the command line, shown in error messages.
-        known: metrics that a run can have.
-        claims: keys of the claims whose measured quantities are also allowed; see `claims_in`.
-
-    Raises:
-        InputRefused: the metric is unknown, or less of it is not better.
-    """
+    """Return a metric if runs can be ranked by it, or by a claim's quantity; `option` begins the message."""
     require_metric(option, metric, [*known, *claims])
     if not claims and _has_no_rank(metric):
         others = ", ".join(name for name in known if not _has_no_rank(name))
@@ -146,10 +130,7 @@ def ranked_rows(columns: Columns, metric: str) -> Positions:
 
 
 def floor_text(metric: str) -> str:
-    """Format the smallest relevant difference of a metric: `0.05 N` or `5 %`.
-
-    "" if every difference is relevant.
-    """
+    """Format the smallest relevant difference of a metric: `0.05 N` or `5 %`; "" if every one is relevant."""
     measure = BY_COLUMN.get(metric)
     if measure is None or not (measure.floor or measure.share):
         return ""
@@ -157,10 +138,7 @@ def floor_text(metric: str) -> str:
 
 
 def floor(metric: str, numbers: Numbers) -> Numbers:
-    """Return the largest irrelevant difference from each value of a metric.
-
-    It is 0 for a metric that is not a measure of twin.
-    """
+    """Return the largest irrelevant difference from each value; 0 for a metric that is not a measure of twin."""
     measure = BY_COLUMN.get(metric)
     if measure is None:
         return np.zeros_like(numbers)
@@ -169,10 +147,7 @@ def floor(metric: str, numbers: Numbers) -> Numbers:
 
 @cache_per_columns
 def equal_to_best(columns: Columns, metric: str) -> Positions:
-    """Return the rows of a sweep that do not differ relevantly from the best one, without the best one.
-
-    Ordered by settling time (in steps of its floor), then overshoot, then the metric.
-    """
+    """Return rows not relevantly worse than the best, by settling time (in floors), overshoot, metric."""
     ranked = ranked_rows(columns, metric)
     numbers = rank_value(columns, metric)[ranked]
     if not len(ranked):
@@ -219,7 +194,6 @@ def drives_in(columns: Columns) -> list[str | None]:
 
 
 def drive_mask(columns: Columns, drive: str | None) -> NDArray[np.bool_]:
-    """Return the mask (n,) of the sweep's runs with a drive."""
     return columns.categorical("drive").mask(lambda name: name == drive)
 
 
@@ -228,9 +202,7 @@ class MetricSpread:
     """Distribution of a metric over the runs of a sweep.
 
     Attributes:
-        metric: name of the metric.
         numbers: values of the runs that have the metric, in the order of runs.
-        missing: number of runs without the metric.
         quantiles: values at `QUANTILES`.
         counts: counts of `HISTOGRAM_BINS` bins of equal width from the smallest to the largest value; of a single bin
             if the values differ only by rounding.
@@ -308,14 +280,7 @@ class WorstRun:
 
 
 def worst_over(columns: Columns, metric: str, label: str, labels: Sequence[str]) -> list[WorstRun]:
-    """Find the worst run over one parameter, for each choice of the other parameters.
-
-    The smallest worst comes first, ties in row order.
-
-    Args:
-        metric: metric to minimise.
-        labels: labels of all varied parameters.
-    """
+    """Find the worst run over one parameter per choice of the others, smallest worst first, ties in order."""
     if not len(columns):
         return []
     others = [
@@ -345,7 +310,6 @@ class DriveScore:
 
     Attributes:
         drive: name; "" for the experiment's own.
-        runs: number of finished runs.
         completed: number of runs done with a number.
         median, worst: median and largest metric over the completed runs; NaN without completed runs.
         behind, behind_interval: median over points of the difference to the first drive, and its 95 % interval; NaN for
@@ -398,10 +362,7 @@ def drive_ranking(columns: Columns, metric: str) -> list[DriveScore]:
 
 
 def _shared_points(columns: Columns, mine: list[NDArray[np.bool_]], done: Numbers) -> Numbers:
-    """Return the metric of each drive, (drives, points), at the points finished by every drive.
-
-    NaN where a run was not completed.
-    """
+    """Return the metric of each drive, (drives, points), at points finished by every drive; NaN if not completed."""
     point = np.zeros(len(columns), np.intp)
     for name in columns.names_in_group("parameters").values():
         column = columns.by_name[name]
@@ -459,7 +420,6 @@ class Likelihood:
 
     Attributes:
         claim: claim judged.
-        holds, judged: number of runs where it holds, and where it is judged; a trivial result is not judged.
         trivial: number of runs where the claim is trivial.
         interval: 95 % interval of the probability.
         quantiles: measured quantity at `QUANTILES`, in the claim's unit; infinity if the event never happens.
@@ -480,10 +440,7 @@ class Likelihood:
 
 @cache_per_columns
 def likelihoods(columns: Columns) -> list[Likelihood]:
-    """Return the probability of each claim judged in at least one run, in the paper's order.
-
-    Failed runs do not count.
-    """
+    """Return the probability of each claim judged in any run that did not fail, in the paper's order."""
     judged = columns.names_in_group("verdicts")
     if not judged:
         return []
@@ -511,10 +468,7 @@ def likelihoods(columns: Columns) -> list[Likelihood]:
 
 
 def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
-    """Return the 95 % Wilson interval of a probability, always inside 0 .. 1; (0, 1) for no runs.
-
-    Source: Wilson (1927); recommended for small numbers by Brown, Cai and DasGupta (2001).
-    """
+    """Return the 95 % Wilson (1927) interval, (0, 1) for no runs; good for few runs (Brown, Cai, DasGupta 2001)."""
     # Slow to import, and few sweeps judge claims.
     from scipy.stats import binomtest
 
@@ -526,10 +480,7 @@ def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Bands:
-    """Pointwise quantiles of a sweep's curves: `bands["position.F_z"]` is (quantiles, n) at times `t` (s); m and N.
-
-    Quantiles over `runs` runs are taken at each time separately: no single run need follow one.
-    """
+    """Quantiles of curves at each time `t` (s) separately: `bands["position.F_z"]` (quantiles, n), m and N."""
 
     t: Curve
     quantiles: dict[str, Curve]
@@ -542,11 +493,7 @@ class Bands:
 
 
 def bands(rows: Sequence[Row]) -> Bands | None:
-    """Compute pointwise quantiles of the runs' curves; None if no run has curves.
-
-    Raises:
-        InputRefused: the curves of a run are damaged, or have other names or lengths than earlier runs.
-    """
+    """Compute pointwise quantiles of the runs' curves; None if no run has curves."""
     # Slow to import, and few sweeps judge claims.
     from twin.studies.sweep.claims import unpack_curves
 

@@ -30,7 +30,6 @@ class Correlation:
         rho: correlation, -1 .. 1; positive if the metric rises with the parameter.
         low, high: 95 % interval.
         p: probability of an equally strong correlation if the two were independent.
-        runs: number of runs used.
     """
 
     rho: float
@@ -178,7 +177,6 @@ def estimates(f_A: Numbers, f_B: Numbers, f_AB: Numbers) -> tuple[Numbers, Numbe
 
 
 def _indices(blocks: Numbers, labels: Sequence[str]) -> tuple[Index, ...]:
-    """Compute the Sobol' indices of complete blocks of runs (n, d + 2)."""
     first, total = estimates(blocks[:, 0], blocks[:, 1], blocks[:, 2:].T)
     halves = half_widths(blocks) if len(blocks) >= MIN_INTERVAL_BLOCKS else np.full((2, len(labels)), np.nan)
 
