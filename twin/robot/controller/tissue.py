@@ -53,15 +53,11 @@ class Tissue(Settings):
     """[controller.tissue]: estimation of the tissue's stiffness while pressing."""
 
     frequency: float = setting(
-        "Hz", default=5.0, ge=0.5, help="middle of the evaluated band, and frequency of the dither"
+        "Hz", default=5.0, ge=0.5, help="dither frequency and band centre; at most 1/20 of the controller's rate"
     )
     window: float = setting("s", default=0.5, gt=0, le=100, help="time constant of forgetting")
     dither: float = setting(
-        "N",
-        default=0.15,
-        ge=0,
-        le=2,
-        help="force amplitude of the dither, in the absence of other motion; 0: none",
+        "N", default=0.15, ge=0, le=2, help="force amplitude of the dither while the tissue is unknown; 0: no dither"
     )
     tolerance: float = setting(
         default=0.3, gt=0, le=1, help="maximum standard error over stiffness of a trusted estimate"

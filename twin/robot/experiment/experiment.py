@@ -59,9 +59,9 @@ EXACT_COUNTS = 2**40
 class TopLevelKeys(Settings):
     """The keys of an experiment outside any table."""
 
-    title: str = setting(min_length=1, help="for people")
-    duration: float = setting("s", gt=0, help="simulated time")
-    seed: int = setting(default=0, ge=0, lt=2**63, help="seed of the encoders' noise")
+    title: str = setting(min_length=1, help="title for reports and pictures")
+    duration: float = setting("s", gt=0, help="simulated time; a whole number of ticks")
+    seed: int = setting(default=0, ge=0, lt=2**63, help="seed of the encoders' noise; same seed, same bytes")
 
 
 @dataclass(frozen=True)

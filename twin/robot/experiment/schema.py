@@ -102,9 +102,9 @@ class DeclaredTables:
 class Circle(Settings):
     """[reference.circle]: horizontal circles, counter-clockwise from above, at constant speed from `start_s` on."""
 
-    centre: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="centre of the circle in frame B")
+    centre: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="centre of the circle (x, y, z) in frame B")
     radius: float = setting("mm", gt=0, examples=[15.0], help="radius of the circle, which begins at +x")
-    rate: float = setting("Hz", gt=0, examples=[0.2], help="turns per time")
+    rate: float = setting("Hz", gt=0, examples=[0.2], help="turns per second")
     turns: float = setting(gt=0, examples=[1.0], help="number of turns")
     start: float = setting("s", default=0.0, ge=0, help="time at rest before the motion")
 
@@ -112,8 +112,8 @@ class Circle(Settings):
 class Chirp(Settings):
     """[reference.chirp]: a sine along one axis whose frequency grows linearly with time."""
 
-    point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="centre of the motion, in frame B")
-    direction: Literal["x", "y", "z"] = setting(examples=["z"], help="axis of frame B of the motion")
+    point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="centre of the motion (x, y, z) in frame B")
+    direction: Literal["x", "y", "z"] = setting(examples=["z"], help="axis of the motion in frame B")
     amplitude: float = setting("mm", gt=0, examples=[2.0], help="amplitude of the sine")
     begin: float = setting("Hz", gt=0, examples=[0.1], help="frequency at the beginning")
     end: float = setting("Hz", gt=0, examples=[2.0], help="frequency at the end")
@@ -124,10 +124,10 @@ class Chirp(Settings):
 class JointStep(Settings):
     """[reference.joint_step]: a step of the platform that changes the angle of a single joint."""
 
-    point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="initial platform position")
+    point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="initial platform position (x, y, z) in frame B")
     joint: Literal[1, 2, 3] = setting(examples=[1], help="joint that moves")
     step: float = setting("deg", examples=[2.0], help="change of the joint's angle; positive lowers the platform")
-    start: float = setting("s", gt=0, examples=[0.5], help="when")
+    start: float = setting("s", gt=0, examples=[0.5], help="time of the step")
 
     @field_validator("step")
     @classmethod
@@ -141,13 +141,13 @@ class Reference(Settings):
     """[reference]: waypoints, straight lines at constant speed between them; or one shape."""
 
     t: tuple[float, ...] | None = optional(
-        "s", min_length=1, example=[0.0, 2.0], help="times of the waypoints, ascending"
+        "s", min_length=1, example=[0.0, 2.0], help="times of the waypoints, increasing"
     )
     p: tuple[Triple, ...] | None = optional(
         "mm",
         min_length=1,
         example=[[0.0, 0.0, -90.0], [0.0, 0.0, -95.0]],
-        help="positions (x, y, z) of the waypoints in frame B",
+        help="positions (x, y, z) of the waypoints in frame B, one per time; the robot rests at the first",
     )
     circle: Circle | None = None
     chirp: Chirp | None = None
@@ -203,21 +203,23 @@ def checked_tasks(kinds: Mapping[str, type[Task]], tables: Any, mistakes: list[s
 class Cosim(Settings):
     """[cosim]: stepping of the components."""
 
-    tick: float = setting("ms", gt=0, help="step in which the components exchange their values")
+    tick: float = setting("ms", gt=0, help="step H of the co-simulation, in which the components exchange their values")
     scheme: Literal["gauss_seidel", "jacobi"] = setting(
-        help="whether plant and drives see each other's newest values, or all those of the tick before"
+        help="order of drives and plant: the plant gets the motor angles of the end of the step, or of its beginning"
     )
     inputs: Literal["hold", "linear"] = setting(
-        default="hold", help="whether inputs are constant over the step, or linear between its ends"
+        default="hold", help="inputs of plant and drives over a step: the value of one end, or a line between both ends"
     )
-    iterations: int = setting(default=1, ge=1, le=100, help="number of passes of plant and drives over each step")
+    iterations: int = setting(
+        default=1, ge=1, le=100, help="passes of plant and drives over each step; above 1, drives restore states"
+    )
 
 
 class RecordingSettings(Settings):
     """[recording]: recording rate of the plant, the drives and all other signals with a value every tick."""
 
     rate: Literal["tick", "controller"] = setting(
-        default="tick", help="every tick, or once per period of the controller: half the file"
+        default="tick", help="recording rate of signals with values every tick; controller: per period, half the file"
     )
     states: tuple[float, ...] = setting(
         "s", default=(), examples=[[5.0, 10.0]], help="times at which the state is saved, for twin run --from"
@@ -235,26 +237,22 @@ class RecordingSettings(Settings):
 class VelocityLoop(Settings):
     """[drive.velocity_loop]: twin's discrete PI for a drive without a speed command. Gains in the command's SI unit."""
 
-    kp: float = setting(ge=0, examples=[0.08], help="gain, command per rad/s")
+    kp: float = setting(ge=0, examples=[0.08], help="proportional gain, command per rad/s")
     ki: float = setting(default=0.0, ge=0, help="integral gain, command per rad")
     limit: float = setting(gt=0, examples=[0.6], help="largest command")
-    period: float = setting("ms", gt=0, examples=[0.25], help="time between two commands")
+    period: float = setting("ms", gt=0, examples=[0.25], help="period of the loop")
 
 
 class PositionCommand(Settings):
     """[drive.position_command]: command of a servo by position; angles in the servo's own convention."""
 
     period: float | None = optional(
-        "ms", into=None, gt=0, example=1.0, help="time between two commands; else one per tick"
+        "ms", into=None, gt=0, example=1.0, help="time between two commands; without it, one per tick"
     )
-    lower: float | None = optional("deg", absent=-math.inf, example=-150.0, help="smallest accepted angle")
-    upper: float | None = optional("deg", absent=math.inf, example=150.0, help="largest accepted angle")
+    lower: float | None = optional("deg", absent=-math.inf, example=-150.0, help="lower command limit, below upper_deg")
+    upper: float | None = optional("deg", absent=math.inf, example=150.0, help="upper command limit")
     wrap_from: float | None = optional(
-        "deg",
-        field="wrap",
-        absent=math.inf,
-        example=-180.0,
-        help="start of the single turn over which its angle is counted",
+        "deg", field="wrap", absent=math.inf, example=-180.0, help="start of the single turn of the servo's angle"
     )
     lead: float | None = optional(
         "deg", absent=math.inf, gt=0, example=20.0, help="maximum lead of the command before the robot's motor shaft"
@@ -270,7 +268,7 @@ class PositionCommand(Settings):
 class Rotor(Settings):
     """[drive.rotor]: a shaft simulated by twin, for an FMU that outputs a torque; values at the robot's motor shaft."""
 
-    J: float = setting("kg m2", gt=0, examples=[1e-4], help="inertia")
+    J: float = setting("kg m2", gt=0, examples=[1e-4], help="inertia of machine and gears")
     b: float = setting("N m s/rad", default=0.0, ge=0, help="viscous friction")
 
 
@@ -283,7 +281,7 @@ class UnpoweredDrive(Settings):
     holding: float = setting("N m", ge=0, examples=[0.02], help="maximum holding torque of gears and bearings")
     brake: float = setting("N m", default=0.0, ge=0, examples=[0.5], help="additional torque of a brake")
     brake_line: Literal["power", "own"] = setting(
-        default="power", help="the brake closes with the power, or once no force is left that it would hold"
+        default="power", help="closing of the brake: with the power, or once no force is left that it would hold"
     )
     J: float = setting("kg m2", default=1e-4, gt=0, help="inertia of the shaft")
     b: float = setting("N m s/rad", default=1e-4, ge=0, help="viscous friction")
@@ -307,8 +305,8 @@ Parameter = Annotated[float | str | tuple[float, ...] | tuple[str, ...], BeforeV
 class DrivePart(Settings):
     """[drive.parts.NAME]: one FMU of a drive with several parts."""
 
-    fmu: str = setting(help="an .fmu file")
-    sha256: str | None = optional(example="00000000...", help="refuse any other file")
+    fmu: str = setting(help=".fmu file")
+    sha256: str | None = optional(example="00000000...", help="hash of the file; any other file is refused")
     parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS_HELP)
     tolerance: float | None = optional(gt=0, example=1e-9, help=TOLERANCE_HELP)
     kind: Kind | None = optional(example="model_exchange", help=KIND_HELP)
@@ -322,16 +320,18 @@ class Drive(Settings):
     Either `fmu`, or `parts` with `wires` between them; variables of parts are called "part.variable".
     """
 
-    fmu: str | None = optional(example="fmus/pmsm_foc", help="an .fmu or .ssp file, or a folder of fmus/")
-    sha256: str | None = optional(example="00000000...", help="refuse any other file")
-    command: Literal["velocity", "torque", "current", "voltage", "position"] = setting(
-        default="velocity", help="what the drive takes; torque, current and voltage need a [drive.velocity_loop]"
+    fmu: str | None = optional(
+        example="fmus/pmsm_foc", help=".fmu or .ssp file, folder with a mapping, or name in fmus/; instead of parts"
     )
-    sign: Literal[1, -1] = setting(default=1, help="-1: the FMU has the opposite direction")
+    sha256: str | None = optional(example="00000000...", help="hash of the file; any other file is refused")
+    command: Literal["velocity", "torque", "current", "voltage", "position"] = setting(
+        default="velocity", help="quantity of the command; torque, current and voltage need [drive.velocity_loop]"
+    )
+    sign: Literal[1, -1] = setting(default=1, help="-1 if the FMU counts in the opposite direction")
     gear_ratio: float = setting(default=1.0, gt=0, help="turns of the FMU's shaft per turn of the motor shaft")
-    substeps: int = setting(default=1, ge=1, le=10_000, help="steps of the FMU per tick")
-    inputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
-    outputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
+    substeps: int = setting(default=1, ge=1, le=10_000, help="steps of the drive per tick")
+    inputs: dict[str, str] = Field(default_factory=dict, description="role = name in the FMU")
+    outputs: dict[str, str] = Field(default_factory=dict, description="role = name in the FMU")
     parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS_HELP)
     tolerance: float | None = optional(gt=0, example=1e-9, help=TOLERANCE_HELP)
     kind: Kind | None = optional(example="model_exchange", help=KIND_HELP)
@@ -342,7 +342,7 @@ class Drive(Settings):
     rotor: Rotor | None = None
     unpowered: UnpoweredDrive | None = None
     parts: dict[str, DrivePart] = Field(default_factory=dict, description="FMUs of a drive with several parts")
-    wires: dict[str, str] = Field(default_factory=dict, description="between parts: part.input = part.output")
+    wires: dict[str, str] = Field(default_factory=dict, description="wires between parts: part.input = part.output")
 
     @model_validator(mode="after")
     def _consistent(self) -> "Drive":
@@ -376,9 +376,9 @@ def whole_ticks(time: float, tick: float) -> int | None:
 class ChangeTable(Settings):
     """[[change]]: a scheduled change of a value of [controller]."""
 
-    t: float = setting("s", gt=0, examples=[8.0], help="time of the change")
-    key: str = setting(examples=["controller.force.reference_N"], help="key that changes")
-    value: float = setting(examples=[6.0], help="its new value, in the unit of the key")
+    t: float = setting("s", gt=0, examples=[8.0], help="time of the change; a whole number of ticks")
+    key: str = setting(examples=["controller.force.reference_N"], help="key that changes, with its table and unit")
+    value: float = setting(examples=[6.0], help="new value, in the unit of the key")
 
 
 @dataclass(frozen=True)
