@@ -124,7 +124,6 @@ class CommandFault(FaultComponent):
     """Sampled fault component: limits the commanded drive speeds to +-limit while active.
 
     Args:
-        span: active ticks.
         limit: limit of the drives' speed (rad/s).
         size: number of drives behind it.
     """
@@ -149,7 +148,6 @@ class PowerFault(FaultComponent):
     """Sampled fault component: passes power signals on, and cuts all of them while active.
 
     Args:
-        span: active ticks.
         port: power line or lines.
     """
 
@@ -199,7 +197,6 @@ class ParameterFault(FaultComponent):
     Before the onset and after the end it is the nominal value, to the last bit.
 
     Args:
-        span: active ticks.
         owner: component whose memory holds the parameter.
         parameter: name of the parameter there.
         cell: the parameter itself, a view (1,) of that memory.
@@ -374,8 +371,6 @@ class CountFault(FaultComponent):
     Counts stay whole numbers, but the port is of kind "double": a lost count may be NaN.
 
     Args:
-        span: active ticks.
-        law: law of the fault.
         port: the encoder's port of counts (3).
         element: index of the count, 0 to 2.
         counts: offset in counts, size of one step, or drift per tick.
@@ -473,7 +468,6 @@ class MessageFault(FaultComponent):
     After the fault readers get the sender's present message at once; messages under way are dropped.
 
     Args:
-        span: active ticks.
         ports: ports of the sender that make one message.
         sender_period: period of the sender (ticks).
         least, most: range of the time under way (ticks).

@@ -135,13 +135,9 @@ def poses(
     """Compute position (m) and unit quaternion (x, y, z, w) of each part of the robot's drawing in frame B.
 
     Args:
-        geometry: lengths of Fig. 2.
         theta_l: angles of the proximal links in rad, (n, 3).
         p_B: platform position in m, (n, 3).
         surface_B: pose of the surface, (n, POSE_SIZE).
-
-    Raises:
-        InputRefused: theta_l or p_B is not finite or not of shape (n, 3).
     """
     joints = skeleton(geometry, theta_l, p_B)
     found = np.empty((len(p_B), len(SCENE_FRAMES), POSE_SIZE))

@@ -124,9 +124,6 @@ class DriveFault(FaultComponent):
     from its present angle: without a jump, with a permanent offset. The drive itself is unaffected.
 
     Args:
-        name: component name.
-        span: active time.
-        law: motion of the shaft.
         omega: speed of a runaway (rad/s).
         theta_m: angle of the drive's shaft before tick 0 (rad).
         monitored: whether there is an input `power`; without it the power is always on.
@@ -223,8 +220,6 @@ class UnpoweredShaft(NativeComponent):
     The power stays cut.
 
     Args:
-        name: component name.
-        unpowered: parameters of the unpowered shaft.
         theta_m: angle before tick 0 (rad).
         period: period of the drive, in ticks.
     """

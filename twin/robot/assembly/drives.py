@@ -80,11 +80,7 @@ class DrivePlan:
     system: "EnclosedSystem | None" = None
 
     def folder(self, part: str) -> Path:
-        """Return the folder into which the FMU of a drive part is unpacked.
-
-        Raises:
-            InputRefused: the folder cannot be written.
-        """
+        """Return the folder into which the FMU of a drive part is unpacked."""
         if self.system is not None:
             return self.system.folder(part)
         fmu = self.parts[part]
@@ -232,11 +228,7 @@ def _check_axes(plan: DrivePlan) -> DrivePlan:
 
 
 def fmus(table: Drive) -> "Mapping[str, FmuDescription | EnclosedSystem]":
-    """Return the descriptions of a drive's FMUs by part name; an SSP is one entry under `ONLY_PART`.
-
-    Raises:
-        InputRefused: one cannot be used, or does not match its pinned hash.
-    """
+    """Return the descriptions of a drive's FMUs by part name; an SSP is one entry under `ONLY_PART`."""
     if table.fmu is not None and is_system(Path(table.fmu)):
         system = _enclosed_system(table)
         return {ONLY_PART: system, **system.descriptions}
@@ -271,11 +263,7 @@ def is_system(file: Path) -> bool:
 
 
 def refuse_other_file(file: Path, sha256: str, pinned: str | None) -> None:
-    """Refuse a file whose SHA-256 differs from the pinned one; without a pinned hash, accept any file.
-
-    Raises:
-        InputRefused: the hashes differ.
-    """
+    """Refuse a file whose SHA-256 differs from the pinned one; without a pinned hash, accept any file."""
     if pinned is not None and pinned.lower() != sha256:
         raise InputRefused(
             f"{file}: has sha256 {sha256}; the experiment pins {pinned.lower()}. It is another file: get the "
@@ -337,9 +325,6 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
         tick: tick of the surrounding system (s).
         theta_m: motor angle at t = 0 (rad).
         tau_load: load at t = 0 (N m). Three of each for a drive of three axes.
-
-    Raises:
-        InputRefused: an FMU cannot be loaded or initialised, or the rates do not fit the tick.
     """
     substeps, period = rates(name, plan.table, tick)
     alone = plan.is_bare and (len(plan.parts) == 1 or plan.system is not None) and substeps == 1

@@ -54,11 +54,7 @@ class Circuit:
         self._stand_ins: dict[End, End] = {}
 
     def component(self, name: str, number: int, target: str) -> Component:
-        """Return the component `name`; refuse fault `number` on `target` if it does not exist.
-
-        Raises:
-            InputRefused: the component does not exist.
-        """
+        """Return the component `name`; refuse fault `number` on `target` if it does not exist."""
         for component in self.components:
             if component.name == name:
                 return component

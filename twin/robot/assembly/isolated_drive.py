@@ -61,9 +61,6 @@ class IsolatedDrives:
         step: timeout of one call into a drive (s).
         count: number of processes to start in advance, as starting takes a while.
         keep: whether to reuse the processes of drives that have ended normally.
-
-    Raises:
-        InputRefused: this system has no futex.
     """
 
     one_process = False
@@ -92,11 +89,7 @@ class IsolatedDrives:
         os.sched_setaffinity(0, self._processors)
 
     def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
-        """Create the component of a drive that runs in another process.
-
-        Raises:
-            InputRefused: as there; also if it crashes or hangs during creation.
-        """
+        """Create the component of a drive that runs in another process."""
         processor = ctypes.CDLL(None).sched_getcpu()
         os.sched_setaffinity(0, {processor})
         process = self._idle.pop(0)
@@ -148,8 +141,6 @@ class IsolatedDrive(ProcessProxy):
     """Proxy component of a drive that runs in another process.
 
     Args:
-        name: component name.
-        plan: plan of the drive.
         watch: watchdog of its process.
         described: encoded interface of the drive, see `_packed_description`.
         over: called with the process when the drive has ended normally.
@@ -291,9 +282,6 @@ def hosted_drive(
         name, tick, theta_m, tau_load: see `drive`.
         table, switched, ticks, ramped: see `DrivePlan`.
         processor: processor to serve on.
-
-    Raises:
-        InputRefused: the drive cannot be created.
     """
     plan = replace(plan_drive(table), ticks=ticks, ramped=ramped)
     plan = plan.with_enable_input() if switched else plan

@@ -60,7 +60,6 @@ class SampledFmu:
     """The checked plan of an FMU or SSP that serves as controller, monitor or another part of the robot.
 
     Attributes:
-        description: description of the FMU or system.
         settings: values set before initialisation, for a single FMU.
         bindings: variable of each port, or of each value of a port.
         inputs, outputs: its ports, complete.
@@ -78,11 +77,7 @@ class SampledFmu:
     missing_outputs: tuple[str, ...] = ()
 
     def component(self, name: str, tick: float, period: int, ticks: int) -> FmuComponent:
-        """Create the component of a third-party FMU that is called once per period.
-
-        Raises:
-            InputRefused: it cannot be initialised.
-        """
+        """Create the component of a third-party FMU that is called once per period."""
         assert isinstance(self.description, FmuDescription)
         # the last call is at its last sample, and its step ends one period later, despite rounding
         last = ticks // period * period
@@ -98,9 +93,6 @@ class SampledFmu:
         """Create the component of a third-party FMU or SSP with all ports of its role.
 
         Output values that the FMU lacks are 0.
-
-        Raises:
-            InputRefused: it cannot be initialised.
         """
         made: Component
         if isinstance(self.description, FmuDescription):
@@ -149,9 +141,6 @@ def sampled_fmu(
         named: variables by input and by output.
         parameters: values in the FMU's names and units.
         tolerance: solver tolerance; None for the FMU's default.
-
-    Raises:
-        InputRefused: the FMU, the mapping or a parameter is invalid, or an input is unwired.
     """
     description, settings = _read_part(file, table, named, parameters, tolerance)
     # an input with a parameter value keeps it
@@ -426,31 +415,20 @@ def third_party_parts(experiment: Experiment) -> dict[str, ThirdPartyPart]:
     """Check all third-party parts of an experiment and return them by role.
 
     Parts that a study has removed are skipped.
-
-    Raises:
-        InputRefused: see `third_party_part`.
     """
     gone = {role for role in ("monitor", "scale") if getattr(experiment, role) is None}
     return {role: third_party_part(role, table) for role, table in experiment.stand_ins.items() if role not in gone}
 
 
 def part_sha256(role: str, table: StandIn) -> str:
-    """Return the SHA-256 of the file of a third-party part, without executing the file.
-
-    Raises:
-        InputRefused: the file is missing, does not match its pinned hash, or is neither a fitting FMU nor Python.
-    """
+    """Return the SHA-256 of the file of a third-party part, without executing the file."""
     if table.fmu is not None:
         return _fmu_part(role, table).sha256
     return _source(table).sha256
 
 
 def part_from_class(role: str, given: Any) -> ThirdPartyPart:
-    """Check a Python class or instance that a program passes as a part of the robot.
-
-    Raises:
-        InputRefused: the ports do not fit.
-    """
+    """Check a Python class or instance that a program passes as a part of the robot."""
     kind = given if isinstance(given, type) else type(given)
     contract = ROLE_CONTRACTS[role]
     wanted = declared_ports(kind.__name__, given, *contract)
@@ -470,9 +448,6 @@ def refuse_third_party_parts(experiment: Experiment, asker: str, roles: Sequence
     Args:
         asker: name of the study, as the subject of a sentence.
         roles: parts that the study needs as twin's own.
-
-    Raises:
-        InputRefused: one of the roles is third-party.
     """
     for role in roles:
         if role in experiment.stand_ins:

@@ -162,8 +162,6 @@ def enter_phase(m, phases, index, t, F_z, dp_z):
 
     It begins at `t` (s), at the pressing force `F_z` (N). If the force loop ends, its correction `dp_z` (m) is added to
     the reference, which then does not jump.
-
-    If the force loop ends, its correction `dp_z` (m) is added to the reference, which then does not jump.
     """
     before, phase = phases[m.index], phases[index]
     if before.force_on and not phase.force_on:

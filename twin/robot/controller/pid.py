@@ -44,7 +44,6 @@ def state_variable(damping, g, fast, slow, x):
     states. It uses the trapezoidal rule, so the derivatives belong exactly to the output (Zavalishin 2012, The Art of
     VA Filter Design, Ch. 4).
 
-
     Args:
         damping: 1/Q.
         g: tan(pi f h), with the corner f (Hz) and the period h (s).

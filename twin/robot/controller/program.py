@@ -59,7 +59,6 @@ class Phase(NamedTuple):
     The motion starts at the present reference, so a sequence of phases cannot jump.
 
     Attributes:
-        kind: kind of the phase.
         task: number of its task, from 1.
         target: end of the straight line (m); NaN keeps a coordinate.
         lift: if > 0, end height (m) above the height of a probe at the pre-defined force.
@@ -182,9 +181,7 @@ def program(approach: Approach, contact_force: float, tasks: Sequence[Task]) -> 
     """Convert massage tasks to a table of phases, in order; the last phase stays above the last point for ever.
 
     Args:
-        approach: motion between tasks.
         contact_force: pressing force that counts as contact (N).
-        tasks: tasks in order.
     """
     phases: list[Phase] = []
     for number, task in enumerate(tasks, start=1):

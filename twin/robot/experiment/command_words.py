@@ -16,7 +16,6 @@ def options(values: Mapping[str, Any], origins: Mapping[str, str]) -> list[str]:
     """Return the command-line options that set recorded values: `--drive`, `pmsm_foc.fmu`, `--set`, `seed=3`.
 
     Args:
-        values: recorded values of the experiment.
         origins: origin of each value, by dotted key.
     """
     words: list[str] = []

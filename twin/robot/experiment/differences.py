@@ -75,11 +75,7 @@ def toml_text(value: Any) -> str:
 
 
 def recorded_comparable_values(declared: DeclaredTables, metadata: Metadata, where: Path) -> dict[str, str]:
-    """Return a recorded experiment's values as text by key, for comparison, with the SHA-256 of every FMU.
-
-    Raises:
-        InputRefused: see `recorded_values` and `recorded_fmus`.
-    """
+    """Return a recorded experiment's values as text by key, for comparison, with the SHA-256 of every FMU."""
     fmus = recorded_fmus(metadata, where)
     return comparable_values(
         recorded_values(declared, metadata, where), {fmu["file"]: fmu["sha256"] for fmu in fmus.values()}
@@ -125,7 +121,6 @@ def robot_values(values: Mapping[str, Any], origins: Mapping[str, str]) -> dict[
     that file or `twin init` copied it. All others are own.
 
     Args:
-        values: values of the experiment, keys with units.
         origins: origin of each value, by dotted key; an assumption begins with "assumed".
     """
     shipped = read_source(PROJECT_FOLDER / "experiments" / ROBOT_FILE)

@@ -72,7 +72,6 @@ class Experiment:
 
     Attributes:
         name: stem of the file name.
-        title: displayed title.
         seed: seed of the encoders' noise.
         duration_ticks, controller_ticks, scale_ticks, monitor_ticks: durations and periods in ticks.
         reference: waypoints, also of a shape; None if `tasks` lead the robot, with motions by `approach`.
@@ -82,7 +81,6 @@ class Experiment:
         changes: scheduled parameter changes, in ticks.
         measures: measures of `twin check`.
         drives: one per joint, complete, FMUs as absolute paths.
-        recording: recording settings.
         values: merged and checked file, keys with units.
         origins: origin of each value.
         stand_ins: third-party parts by table name; only their retained keys stay in [controller], [monitor] and
@@ -153,7 +151,6 @@ def checked_tables(declared: DeclaredTables, source: Source, folder: Path, mista
     """Check the tables of an experiment's file and complete its values in place.
 
     Args:
-        declared: tables that an experiment may have.
         source: merged values of all files.
         folder: folder for looking up bodies and drives.
         mistakes: list that receives an error message for each error.
@@ -180,13 +177,7 @@ def checked_tables(declared: DeclaredTables, source: Source, folder: Path, mista
 
 
 def experiment_of(name: str, tables: Tables, reference: WayPoints | None, source: Source) -> Experiment:
-    """Build the experiment from its complete tables and waypoints.
-
-    Args:
-        name: experiment name.
-        reference: its [reference] as waypoints.
-        source: source of the tables.
-    """
+    """Build the experiment from its complete tables and waypoints."""
     found, ticks, (one, two, three) = tables.by_name, tables.ticks, tables.drives
     head, monitor = found["head"], found.get("monitor")
     return Experiment(
@@ -344,9 +335,6 @@ def with_cosim(experiment: Experiment, **values: Any) -> Experiment:
 
     Args:
         experiment: experiment without faults, whose onsets are counted in ticks, too.
-
-    Raises:
-        InputRefused: a duration, a period, a delay or the time of a change is not a whole number of new ticks.
     """
     cosim = experiment.cosim.model_copy(update=values)
 

@@ -337,22 +337,14 @@ FAULT_KINDS: dict[str, FaultKind] = {
 
 
 def find_kind(number: int, name: str) -> FaultKind:
-    """Look up a kind of fault by name in the catalogue; `number` is the fault's number for the error message.
-
-    Raises:
-        InputRefused: the kind is unknown.
-    """
+    """Look up a kind of fault by name in the catalogue; `number` is the fault's number for the error message."""
     if name not in FAULT_KINDS:
         raise InputRefused(f'[[fault]] {number} kind = "{name}": {expected_names(name, tuple(FAULT_KINDS))}')
     return FAULT_KINDS[name]
 
 
 def refuse_target(number: int, kind: str, target: str) -> None:
-    """Refuse a fault's target that is neither a target nor a target group of its kind.
-
-    Raises:
-        InputRefused: the target is invalid.
-    """
+    """Refuse a fault's target that is neither a target nor a target group of its kind."""
     targets = FAULT_KINDS[kind].targets + FAULT_KINDS[kind].groups
     if target not in targets:
         raise InputRefused(f'[[fault]] {number} target = "{target}" of {kind}: {expected_names(target, targets)}')

@@ -404,7 +404,6 @@ def changeable_values(declared: DeclaredTables, tables: Mapping[str, Any]) -> di
     Keys of an idle force loop are left out, and the reference if tasks bring their own.
 
     Args:
-        declared: tables that an experiment may have.
         tables: tables of the experiment, as `Experiment.values`.
     """
     found = {}
@@ -447,7 +446,6 @@ def checked_changes(
     """Check the [[change]] tables of an experiment; return the valid changes, earliest first.
 
     Args:
-        declared: tables that an experiment may have.
         tables: array from the file; () if missing.
         values: tables of the experiment.
         tick, duration: duration of a tick and of the experiment (s).

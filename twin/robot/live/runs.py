@@ -196,11 +196,7 @@ def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: 
 
 
 def live_server(port: int, **arguments: Any) -> "LiveServer":
-    """Create the server that shows runs to live viewers.
-
-    Raises:
-        InputRefused: websockets is not installed, the port is taken, or an origin is invalid.
-    """
+    """Create the server that shows runs to live viewers."""
     try:
         from twin.robot.live.server import LiveServer
     except ImportError as missing:

@@ -67,10 +67,7 @@ class Client:
     """One live viewer's connection, within the server's event loop.
 
     Args:
-        connection: WebSocket connection.
         may_tune: whether it may change parameters.
-        channels: channels by number.
-        tuning: parameters of the run.
         subscribed: called with True when it has subscribed, False when it has unsubscribed.
         changed: called with the names of the parameters that it requested to change.
 
@@ -229,12 +226,6 @@ logging.getLogger("asyncio").addFilter(lambda record: record.msg != "socket.send
 
 class Broadcast:
     """The live server of one run, in a thread of its own; it listens once constructed.
-
-    Args:
-        port: port to listen on.
-        gate: access check for every connection.
-        channels: available channels.
-        tuning: parameters of the run.
 
     Attributes:
         port: actual port.
@@ -400,11 +391,7 @@ class LiveServer:
         self._close_broadcast()
 
     def begin(self, streams: Sequence[RowStream], scene: SceneSource, tick: float, tuning: Parameters) -> None:
-        """Begin to serve a run, and wait for the first viewer's subscription if required.
-
-        Raises:
-            InputRefused: the port has been taken in the meantime.
-        """
+        """Begin to serve a run, and wait for the first viewer's subscription if required."""
         self._held.close()
         self._close_broadcast()
         topics = Topics(streams, scene, tick)
@@ -453,10 +440,6 @@ class Publisher:
     The stepping thread only stores its newest row here; this thread fetches it periodically, independent of the run's
     pace. Encoding messages in the stepping thread would cost it much more time. The first row is always published, so
     that waiting viewers see the beginning of a fast run.
-
-    Args:
-        topics: encoder of the run's messages.
-        broadcast: receives the messages.
     """
 
     def __init__(self, topics: Topics, broadcast: Broadcast):

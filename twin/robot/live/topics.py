@@ -33,8 +33,6 @@ class SceneSource(Protocol):
         """Return the drawings for `rows` (n, width), beginning at tick `first`.
 
         At tick 0 everything is drawn.
-
-        At tick 0 everything is drawn.
         """
 
 

@@ -40,7 +40,6 @@ class Motion(NamedTuple):
     """One motion of the body's surface, SI.
 
     Attributes:
-        kind: breathing or shift.
         displacement: vector in B (m): amplitude of breathing, total displacement of a shift.
         onset, end: start, and end or return (s); infinity for never.
         rate: frequency of breathing (Hz), > 0.

@@ -168,8 +168,6 @@ def fast_pole_remedy(experiment: Experiment) -> str:
 def fastest_pole(experiment: Experiment) -> float:
     """Compute the largest |eigenvalue| (1/s) of the plant linearised at rest; inf if it is not finite.
 
-    The plant is at its start, once in the air and once pressed into the surface.
-
     The plant is at rest, once in the air and once pressed into the surface.
     """
     parameters = plant_parameters(experiment.plant, experiment.contact)

@@ -73,11 +73,7 @@ class Outcome:
     stepping: float
 
     def require_success(self) -> Self:
-        """Return this outcome if no component failed, else raise the failure.
-
-        Raises:
-            ComponentFailed: one did.
-        """
+        """Return this outcome if no component failed, else raise the failure."""
         if self.failure:
             raise self.failure
         return self
@@ -87,8 +83,6 @@ class _Watch:
     """The observers of one run in memory.
 
     Args:
-        request: data to keep.
-        experiment: experiment of the run.
         past: observers of the prefix that this run continues; None for a run from the start.
     """
 
@@ -133,11 +127,7 @@ class _Check(Observer):
 
 
 class _SharedTally(Observer):
-    """Observer that sums up a run's measures, continued from the state of another run at the same tick.
-
-    Attributes:
-        tally: tally of the whole run.
-    """
+    """Observer that sums up a run's measures, continued from the state of another run at the same tick."""
 
     tally: Tally
 

@@ -26,7 +26,6 @@ class Viewer(Protocol):
 
         Args:
             streams: recorded streams, in the order of the recording.
-            scene: drawing of the robot.
             tick: duration of a tick (s).
             tuning: tunable parameters, usable by any thread until the run is over.
         """
@@ -37,7 +36,6 @@ class Viewer(Protocol):
         Args:
             first: tick of the first row.
             rows: system outputs, (n, width), overwritten by the next slice.
-            events: events within these rows.
         """
 
 
@@ -61,8 +59,6 @@ class Punctuality:
     Attributes:
         factor: requested simulated time per wall time.
         achieved: achieved simulated time per wall time.
-        deadlines: number of deadlines.
-        misses: number of missed deadlines.
         worst: longest delay of a missed deadline (s).
         jitter, jitter_99: standard deviation and 99th percentile of the wake-up delay after a deadline (s).
     """

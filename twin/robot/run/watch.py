@@ -144,11 +144,6 @@ class RunObservers(NamedTuple):
     """The stateful observers of every run: changes by hand, events, outcome.
 
     A saved state holds them by name, with the recorder.
-
-    Attributes:
-        tuning: changes by hand.
-        watch: events of monitor and tasks.
-        tally: outcome, and pressing force of each task.
     """
 
     tuning: Tuning

@@ -18,7 +18,6 @@ def disagreements(tables: Tables, reference: WayPoints | None, named: Collection
     """Return an error message for each conflict between tables of an experiment that are valid by themselves.
 
     Args:
-        tables: valid tables of the experiment.
         reference: its waypoints; None if they are invalid.
         named: names of all tables in the file, valid or not.
     """
