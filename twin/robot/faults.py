@@ -63,10 +63,7 @@ readers get."""
 
 
 class Span(NamedTuple):
-    """Time span of a fault: active in the ticks onset <= k < end.
-
-    For a continuous component, in the steps that begin at these ticks.
-    """
+    """Time span of a fault: active in ticks, or in steps that begin at ticks, onset <= k < end."""
 
     onset: int
     end: int
@@ -247,10 +244,7 @@ def next_uniform(memory):
 
 
 def first_state(seed: int, number: int) -> int:
-    """Return the initial random generator state of a fault.
-
-    Faults with one `seed` draw different numbers.
-    """
+    """Return the initial random state of a fault; faults with one `seed` draw different numbers."""
     # modulo 2**64 is intended
     with np.errstate(over="ignore"):
         return int(scramble(np.uint64((seed + number * int(_GAMMA)) % 2**64)))

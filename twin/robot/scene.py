@@ -121,10 +121,7 @@ def lean_rotation(azimuth, lowered):
 
 @njit(cache=True)
 def direction_rotation(x, y, z):
-    """Return the quaternion that turns e_x to the direction of (x, y, z), about y, then about z.
-
-    Identity if (x, y, z) is zero.
-    """
+    """Return the quaternion that turns e_x to (x, y, z), about y, then about z; identity for a zero vector."""
     # a positive turn about y lowers e_x
     return lean_rotation(math.atan2(y, x), math.atan2(-z, math.hypot(x, y)))
 
@@ -379,10 +376,7 @@ def surface_pose(contact: Contact) -> NDArray[np.float64]:
 
 
 def transforms_example(beside: str = "") -> FrameTransforms:
-    """Build a Foxglove message with the frames of all drawn parts, whose numbers are filled in row by row.
-
-    The names of the frames get the prefix `beside`.
-    """
+    """Build the message of all parts' frames, with names prefixed by `beside`; numbers are filled in by row."""
     transforms = []
     for number, frame in enumerate(SCENE_FRAMES):
         x, y, z, *q = (blank_value(POSE_SIZE * number + i) for i in range(POSE_SIZE))

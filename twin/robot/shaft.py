@@ -73,10 +73,7 @@ def free_shaft(theta_m, omega_m, tau_load, h):
 
 @njit(cache=True)
 def turn_shaft(m, drive, tau_load, power, h):
-    """Turn the motor shaft behind a faulty drive over a step of `h` seconds, by the law of the fault.
-
-    `drive` is the new angle of the drive's own shaft.
-    """
+    """Turn the shaft behind a faulty drive for `h` seconds; `drive` is the new angle of the drive's own shaft."""
     before = m.theta_m
     if m.law == _FREEWHEEL_LAW:
         m.theta_m, m.omega_m = free_shaft(m.theta_m, m.omega_m, tau_load, h)

@@ -90,18 +90,12 @@ class DrivePlan:
         return known[fmu.sha256]
 
     def with_enable_input(self) -> "DrivePlan":
-        """Return the drive's plan with its enable signal as an input.
-
-        Unchanged if the drive has no such signal or the experiment fixes it.
-        """
+        """Return the plan with its enable signal as an input, unless it has no such signal or fixes it."""
         fixed = {qualified_name(part, v.name) for part, settings in self.settings.items() for v, _ in settings}
         return replace(self, switched=any(b.port.name == ENABLE_ROLE and b.name not in fixed for b in self.bindings))
 
     def tolerance(self, part: str) -> float | None:
-        """Return the solver tolerance of an FMU of the drive; None for a solver without one.
-
-        It is the experiment's, else the FMU's, else the default for CVODE.
-        """
+        """Return a part's tolerance: the experiment's, FMU's or CVODE's default; None if its solver takes none."""
         own = self.table.parts[part].tolerance if part in self.table.parts else None
         stated = self.table.tolerance if own is None else own
         stated = self.parts[part].tolerance if stated is None else stated
@@ -299,10 +293,7 @@ def _checked_wire(label: str, variables: dict[str, Variable], source: str, targe
 
 
 def rates(name: str, table: Drive, tick: float) -> tuple[int, int]:
-    """Return (inner ticks per tick, inner ticks per command of twin's velocity loop) of a drive.
-
-    By default there is one command per tick.
-    """
+    """Return a drive's (inner ticks per tick, inner ticks per command of twin's velocity loop, by default one tick)."""
     key, loop = next(
         ((key, found) for key in ("velocity_loop", "position_command") if (found := getattr(table, key))), ("", None)
     )

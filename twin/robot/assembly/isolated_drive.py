@@ -206,10 +206,7 @@ class IsolatedDrive(ProcessProxy):
         return content
 
     def _send_order(self, number: int) -> None:
-        """Let the drive's process save or restore its state between two steps.
-
-        A failure raises ComponentFailed.
-        """
+        """Let the drive's process save or restore its state between two steps; ComponentFailed on failure."""
         u, y = np.zeros(max(1, self._page.inputs)), np.zeros(max(1, self._page.outputs))
         status = STEP_FUNCTION(ask.address)(self.self_address, float(number), NO_STEP, u.ctypes.data, y.ctypes.data)
         if status == REFUSED_STATUS:

@@ -36,10 +36,7 @@ DAMPER_RECORD = record_of(Damping, **states(slow="3f8", started="i8", low=LOW_PA
 
 
 def damper(damping: Damping, slow: Any = (0.0, 0.0, 0.0), started: bool = False) -> tuple:
-    """Return the initial record of the damping by motor yielding.
-
-    It is at rest unless the slow torques (3,), N m, are given.
-    """
+    """Return the initial record of the damping, at rest unless the slow torques (3,), N m, are given."""
     return (*numbers(damping).values(), slow, started, (0.0, 0.0, 0.0))
 
 

@@ -154,10 +154,7 @@ def loop_record(gains: Gains) -> tuple:
 
 @njit(cache=True)
 def low_pass_share(corner, h):
-    """Return the filter coefficient of a discrete first-order low-pass with `corner` (Hz) and period `h` (s).
-
-    It is the share of a new sample in the output.
-    """
+    """Return the share of a new sample in a first-order low-pass with `corner` (Hz) and period `h` (s)."""
     return 1.0 - math.exp(-2.0 * math.pi * corner * h) if corner > 0.0 else 1.0
 
 

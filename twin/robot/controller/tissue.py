@@ -265,10 +265,7 @@ def _update_means(recent, share, z_f, v_f, F_f):
 
 @njit(cache=True)
 def _is_consistent(m):
-    """Whether the measured force agrees with the tissue estimate within its uncertainty.
-
-    The residual is F_f + k z_f + c v_f.
-    """
+    """Whether the residual F_f + k z_f + c v_f of the tissue estimate is within its uncertainty."""
     recent, k, c = m.recent, m.k, m.c * m.omega
     crossed = k * recent.zF + c * recent.vF + k * c * recent.zv
     left = recent.FF + 2.0 * crossed + k * k * recent.zz + c * c * recent.vv

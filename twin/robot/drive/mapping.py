@@ -78,10 +78,7 @@ def candidates(variables: Mapping[str, Variable], role: Role, taken: Collection[
 
 
 def likely_command(variables: Mapping[str, Variable], taken: Collection[str]) -> Command:
-    """Return the probable kind of a drive's command (speed, torque ..) from its free inputs.
-
-    Units count most, then names.
-    """
+    """Return the probable kind of a drive's command from its free inputs, by units first, then by names."""
     free = {command: candidates(variables, role, taken) for command, role in COMMAND_ROLES.items()}
     stated = [command for command, names in free.items() if any(variables[n].unit for n in names)]
     called = [

@@ -83,10 +83,7 @@ def recorded_comparable_values(declared: DeclaredTables, metadata: Metadata, whe
 
 
 def comparable_values(values: Mapping[str, Any], hashes: Mapping[str, str]) -> dict[str, str]:
-    """Return an experiment's values as text by key, for comparison, with the SHA-256 of its files.
-
-    The title is left out.
-    """
+    """Return an experiment's values except the title as text by key, with the SHA-256 of its files."""
     stated = {key: toml_text(value) for key, value in flatten(values) if key != "title"}
     return stated | {f"sha256 of {file}": sha256[:HASH_LENGTH] for file, sha256 in hashes.items()}
 

@@ -60,10 +60,7 @@ def drive_names(shelf: Path) -> list[str]:
 
 
 def locate_drive(fmu: str, folder: Path) -> str:
-    """Return the absolute path of a drive: a path relative to the current folder, or a name in fmus/.
-
-    The folder fmus/ is searched from `folder` upwards.
-    """
+    """Return a drive's absolute path: from the current folder, or a name in fmus/ in `folder` or above."""
     path = Path(fmu)
     # not Path.exists, which raises for a too long name
     if not os.path.exists(path):

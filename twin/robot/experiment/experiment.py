@@ -236,10 +236,7 @@ def _with_numbered_values(known: dict[str, Any], own: dict[str, Any], table: str
 def _check_tables(
     declared: DeclaredTables, values: dict[str, Any], folder: Path, mistakes: list[str]
 ) -> tuple[dict[str, Any], dict[str, StandIn]]:
-    """Check all tables of an experiment; return the valid tables and the third-party parts.
-
-    Error messages about the others are appended to `mistakes`.
-    """
+    """Check all tables of an experiment; return valid ones and third-party parts, append errors to `mistakes`."""
     right: dict[str, Any] = {}
     stand_ins: dict[str, StandIn] = {}
     known = declared.tables

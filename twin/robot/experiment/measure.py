@@ -58,10 +58,7 @@ Sum = tuple[Term, ...]
 
 @dataclass(frozen=True)
 class Inequality:
-    """An inequality of a requirement's formula, `smaller` <= `larger`.
-
-    Strict comparisons are equivalent, as their robustness is the same.
-    """
+    """An inequality `smaller` <= `larger` of a requirement's formula; strict ones have the same robustness."""
 
     smaller: Sum
     larger: Sum
@@ -92,10 +89,7 @@ class BooleanOp:
 
 @dataclass(frozen=True)
 class Temporal:
-    """Temporal operator: `operand` holds always, or at least once, between `begin` and `end` (s) from now.
-
-    `end` is None for the end of the run.
-    """
+    """Temporal operator: `operand` holds always or once in [begin, end] (s) from now; end None: end of the run."""
 
     operator: Side
     operand: "Formula"

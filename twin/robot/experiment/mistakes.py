@@ -133,10 +133,7 @@ def error_messages(error: ValidationError, model: type[BaseModel], table: str) -
 
 
 def type_error_messages(error: ValidationError, model: type[BaseModel], table: str) -> list[str]:
-    """Convert only the validation errors about wrong types to messages.
-
-    Missing, unknown and out-of-range keys are ignored.
-    """
+    """Convert validation errors about wrong types to messages; ignore missing, unknown, out-of-range keys."""
     wrong = (*_EXPECTED_TYPES, "literal_error")
     return [_error_message(detail, model, table) for detail in error.errors() if detail["type"] in wrong]
 

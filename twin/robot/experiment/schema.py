@@ -81,10 +81,7 @@ class DeclaredTables:
         return {**self.needed, **self.optional}
 
     def third_party_model(self, role: str) -> type[Settings]:
-        """Return the model of a robot part's table if the part is third-party.
-
-        Only the keys that twin still needs stay mandatory.
-        """
+        """Return the table model of a third-party part, in which only keys that twin needs are mandatory."""
         model = self.tables[role]
         idle: dict[str, Any] = {
             name: (Any, None)

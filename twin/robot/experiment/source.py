@@ -303,10 +303,7 @@ def _tables(path: Path) -> dict[str, Any]:
 
 @functools.lru_cache(maxsize=64)
 def _parse_toml(text: str, where: str) -> Mapping[str, Any]:
-    """Parse TOML text, cached because all runs of a sweep read the same files.
-
-    The result must not be modified.
-    """
+    """Parse TOML text, cached as all runs of a sweep read the same files; the result must not be modified."""
     return parse_toml(text, where)
 
 

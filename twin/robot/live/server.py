@@ -196,10 +196,7 @@ class Client:
         return answers
 
     def _set_parameters(self, asked: protocol.SetParameters) -> list[str]:
-        """Request the parameter changes of a viewer and return the answers.
-
-        For a refused parameter the answer has its current value.
-        """
+        """Request a viewer's changes; return the answers, with current values for refused parameters."""
         answers, names = [], [wish.name for wish in asked.parameters]
         if self._may_tune:
             for wish in asked.parameters:

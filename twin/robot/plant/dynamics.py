@@ -209,10 +209,7 @@ def series_share(parameters, leg):
 
 @njit(cache=True, forceinline=True)
 def has_effects(parameters):
-    """Whether the robot has small effects on its joints: friction, stops, hysteresis, elastic belt, tilted mounting.
-
-    Without any, their evaluation can be skipped.
-    """
+    """Whether joints have friction, stops, hysteresis, elastic belts or a tilted mounting; else these are skipped."""
     p = parameters
     springs = (p.belt_compliance > 0.0) | (p.spring_hysteresis > 0.0) | (p.spring_stop < math.inf)
     joints = (p.joint_friction > 0.0) | (p.joint_lower > -math.inf) | (p.joint_upper < math.inf)

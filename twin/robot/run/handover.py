@@ -70,10 +70,7 @@ class BranchPoint:
             yield self._pack_state(self._state_at_tick(assembly), alive)
 
     def _state_at_tick(self, assembly: Assembly, nearest: StoredState | None = None) -> SavedState:
-        """Simulate the parent run up to the branch tick, and return its state.
-
-        The simulation starts from the state `nearest`, or from the beginning.
-        """
+        """Simulate the parent run from the state `nearest`, or the start, to the branch tick; return its state."""
         experiment = self._experiment
         lasting: dict[str, Observer] = run_observers(experiment, assembly)._asdict() | {"recorder": EventLog()}
         observers = [*lasting.values(), _TickStop(self._tick)]

@@ -191,10 +191,7 @@ class HoldSums:
 
     @property
     def settling(self) -> float | None:
-        """Settling time of the force (s); None if it is outside its band when the first hold ends.
-
-        Also None if the force was never held.
-        """
+        """Settling time of the force (s); None if never held, or outside its band when the first hold ends."""
         m = self._memory[0]
         if not m["count"]:
             return None

@@ -98,10 +98,7 @@ class Pace(Observer):
         self.deadlines = Deadlines(self.tick_time, clock_functions())
 
     def slice_ticks(self, block: int) -> int:
-        """Return the length of a slice of a paced run in ticks: at least one, at most `SLICE_TIME`.
-
-        It divides `block`.
-        """
+        """Return the ticks of a slice of a paced run: a divisor of `block`, at most `SLICE_TIME` or one."""
         most = max(1, math.floor(SLICE_TIME / self.tick_time + 1e-9))
         return max(n for n in range(1, block + 1) if n <= most and block % n == 0)
 

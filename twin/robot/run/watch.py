@@ -79,10 +79,7 @@ class Watch(Observer):
                 yield TickEvent(tick, "INFO", f"force control triggered at F_z = {F_z:.3f} N", "controller")
 
     def _false_trigger(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
-        """Yield a warning event when the force loop is switched on before the first true touch.
-
-        A second event is yielded at that touch.
-        """
+        """Yield a warning if the force loop is on before the first true touch, and another at that touch."""
         if self._touched or not self._of_touch:
             return
         F_ee_z, on = rows[:, self._of_touch].T
@@ -141,10 +138,7 @@ class Watch(Observer):
 
 
 class RunObservers(NamedTuple):
-    """The stateful observers of every run: changes by hand, events, outcome.
-
-    A saved state holds them by name, with the recorder.
-    """
+    """The stateful observers of every run: changes by hand, events, outcome; saved states have them by name."""
 
     tuning: Tuning
     watch: Watch

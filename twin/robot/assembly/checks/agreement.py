@@ -73,10 +73,7 @@ def _surface_motion_conflicts(tables: Tables, named: Collection[str]) -> list[st
 
 
 def _mode_errors(checked: Mapping[str, Any], named: Collection[str]) -> list[str]:
-    """Return error messages for tables that are missing or superfluous in the experiment's mode.
-
-    The mode is waypoints or tasks, and position or force control.
-    """
+    """Return error messages for tables missing or superfluous for waypoints or tasks, position or force control."""
     has_tasks = "task" in named
     if has_tasks == ("reference" in named):
         return ["expected either [reference] with way points or [[task]] tables" + (", not both" if has_tasks else "")]
