@@ -186,7 +186,6 @@ def plan_drive(table: Drive) -> DrivePlan:
 
 
 def _plan_system(table: Drive) -> DrivePlan:
-    """Check a drive that is an SSP and return its plan."""
     system = _enclosed_system(table)
     label, wiring = system.path.name, _wiring(table)
     for key in ("tolerance", "kind", "solver", "solver_step"):
@@ -322,9 +321,14 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
     with ExitStack() as made:
         parts: list[FmuComponent | EnclosedComponent] = []
         if plan.system is not None:
+            inputs, outputs = _ports(plan, plan.bindings)
             parts.append(
-                _system_component(name if alone else "system", plan, tick / substeps, substeps, theta_m, tau_load)
-            )
+                plan.system.component(
+                    name if alone else "system", inputs, outputs, tick / substeps, 1, (plan.ticks or 0) * substeps,
+                    inputs_at_start={"tau_load": tau_load, ENABLE_ROLE: 1.0, "theta_m": theta_m},
+                    outputs_at_start={"theta_m": theta_m},
+                )
+            )  # fmt: skip
             made.callback(parts[-1].close)
         for part, description in plan.parts.items() if plan.system is None else ():
             refuse_step(description, tick, substeps)
@@ -338,17 +342,6 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
             component = _inner_system(name, plan, parts, tick, substeps, period, theta_m)
         made.pop_all()
     return component
-
-
-def _system_component(
-    name: str, plan: DrivePlan, tick: float, substeps: int, theta_m: Start, tau_load: Start
-) -> "EnclosedComponent":
-    """Create the component of a drive that is an SSP."""
-    assert plan.system is not None
-    inputs, outputs = _ports(plan, plan.bindings)
-    started = {"tau_load": tau_load, ENABLE_ROLE: 1.0, "theta_m": theta_m}
-    ticks, shaft = (plan.ticks or 0) * substeps, {"theta_m": theta_m}
-    return plan.system.component(name, inputs, outputs, tick, 1, ticks, inputs_at_start=started, outputs_at_start=shaft)
 
 
 def _ports(plan: DrivePlan, mine: Sequence[Binding]) -> tuple[list[FmuPort], list[FmuPort]]:

@@ -111,7 +111,6 @@ class IsolatedDrives:
             raise
 
     def _release(self, process: GuardedProcess) -> None:
-        """Keep the process of a normally ended drive for reuse, or end it."""
         if self._keep and process.memory < 0.5 * self._limits.memory:
             self._idle.append(process)
         else:
@@ -323,10 +322,6 @@ def _serve_page(page: SharedPage, component: Component) -> int:
 
 def _packed_description(component: Component) -> str:
     """Encode ports, initial outputs and code of a component as text, for its proxy in another process."""
-    initial, code, lacking = (
-        np.array(component.initial_outputs),
-        tuple(compiled_names([component])),
-        component.lacks_state(),
-    )
-    facts = (component.inputs, component.outputs, initial, called_function(component), code, lacking)
+    initial, code = np.array(component.initial_outputs), tuple(compiled_names([component]))
+    facts = component.inputs, component.outputs, initial, called_function(component), code, component.lacks_state()
     return base64.b64encode(pickle.dumps(facts)).decode()

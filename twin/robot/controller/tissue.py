@@ -346,7 +346,6 @@ def update_tissue(m, h, z, F, J, pressing):
 
 @njit(cache=True, error_model="numpy")
 def _update_error(m, h, F):
-    """Update the standard error of the estimated tissue stiffness."""
     if not m.known:
         m.std = m.std_late = MAX_STIFFNESS
         return

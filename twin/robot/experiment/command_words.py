@@ -64,7 +64,6 @@ def run_command(words: Iterable[str]) -> str:
 
 
 def _toml(value: object) -> str:
-    """Format a value as TOML for the option --set."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):

@@ -24,13 +24,6 @@ from twin.robot.experiment.mistakes import (
 )
 from twin.robot.experiment.source import REFERENCE_SHAPES, RETAINED_KEYS, value_at
 
-PARAMETERS_HELP = 'the FMU\'s own names and units; values of enumerations by name, text, arrays, files as "file:NAME"'
-TOLERANCE_HELP = (
-    "relative tolerance of the solver, the FMU's or twin's for model exchange; without it, the FMU's default"
-)
-KIND_HELP = "kind of FMU; without it, co-simulation if available"
-METHOD_HELP = "solver for model exchange: cvode keeps the tolerance, rk4 has a fixed step; without it, cvode"
-SOLVER_STEP_HELP = "longest step of rk4; without it, one per step of the drive"
 MAX_TICKS = 1e12
 """Maximum number of ticks, three centuries at 10 ms: more is a typing error."""
 FORCE_LOOP_PREFIX = "controller.force."
@@ -299,28 +292,44 @@ def _check_parameter(value: Any) -> Any:
 Parameter = Annotated[float | str | tuple[float, ...] | tuple[str, ...], BeforeValidator(_check_parameter)]
 
 
-class DrivePart(Settings):
-    """[drive.parts.NAME]: one FMU of a drive with several parts."""
-
-    fmu: str = setting(help=".fmu file")
-    sha256: str | None = optional(example="00000000...", help="hash of the file; any other file is refused")
-    parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS_HELP)
-    tolerance: float | None = optional(gt=0, example=1e-9, help=TOLERANCE_HELP)
-    kind: Kind | None = optional(example="model_exchange", help=KIND_HELP)
-    solver: Method | None = optional(example="rk4", help=METHOD_HELP)
-    solver_step: float | None = optional("ms", gt=0, example=0.1, help=SOLVER_STEP_HELP)
-
-
-class Drive(Settings):
-    """[drive], [drive.joint_1] ..: a drive. Names and units of variables and parameters are the FMU's own.
-
-    Either `fmu`, or `parts` with `wires` between them; variables of parts are called "part.variable".
-    """
+class FmuTable(Settings):
+    """Keys common to a drive and its parts."""
 
     fmu: str | None = optional(
         example="fmus/pmsm_foc", help=".fmu or .ssp file, folder with a mapping, or name in fmus/; instead of parts"
     )
     sha256: str | None = optional(example="00000000...", help="hash of the file; any other file is refused")
+    parameters: dict[str, Parameter] = Field(
+        default_factory=dict,
+        description='own names and units of the FMU; enumerations by name, text, arrays, files as "file:NAME"',
+    )
+    tolerance: float | None = optional(
+        gt=0,
+        example=1e-9,
+        help="relative tolerance of the solver, the FMU's or twin's for model exchange; without it, the FMU's default",
+    )
+    kind: Kind | None = optional(example="model_exchange", help="kind of FMU; without it, co-simulation if available")
+    solver: Method | None = optional(
+        example="rk4",
+        help="solver for model exchange: cvode keeps the tolerance, rk4 has a fixed step; without it, cvode",
+    )
+    solver_step: float | None = optional(
+        "ms", gt=0, example=0.1, help="longest step of rk4; without it, one per step of the drive"
+    )
+
+
+class DrivePart(FmuTable):
+    """[drive.parts.NAME]: one FMU of a drive with several parts."""
+
+    fmu: str = setting(help=".fmu file")
+
+
+class Drive(FmuTable):
+    """[drive], [drive.joint_1] ..: a drive. Names and units of variables and parameters are the FMU's own.
+
+    Either `fmu`, or `parts` with `wires` between them; variables of parts are called "part.variable".
+    """
+
     command: Literal["velocity", "torque", "current", "voltage", "position"] = setting(
         default="velocity", help="quantity of the command; torque, current and voltage need [drive.velocity_loop]"
     )
@@ -329,11 +338,6 @@ class Drive(Settings):
     substeps: int = setting(default=1, ge=1, le=10_000, help="steps of the drive per tick")
     inputs: dict[str, str] = Field(default_factory=dict, description="role = name in the FMU")
     outputs: dict[str, str] = Field(default_factory=dict, description="role = name in the FMU")
-    parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS_HELP)
-    tolerance: float | None = optional(gt=0, example=1e-9, help=TOLERANCE_HELP)
-    kind: Kind | None = optional(example="model_exchange", help=KIND_HELP)
-    solver: Method | None = optional(example="rk4", help=METHOD_HELP)
-    solver_step: float | None = optional("ms", gt=0, example=0.1, help=SOLVER_STEP_HELP)
     velocity_loop: VelocityLoop | None = None
     position_command: PositionCommand | None = None
     rotor: Rotor | None = None

@@ -23,7 +23,6 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from twin.kernel import live
-from twin.kernel import live as protocol
 from twin.kernel.cosim.observers import TickEvent
 from twin.kernel.errors import InputRefused
 from twin.kernel.gate import LOOPBACK_HOST, Gate, viewer_policy
@@ -124,7 +123,7 @@ class Client:
     def send_parameters(self, names: Sequence[str]) -> None:
         """Queue the values of changed parameters that the viewer follows."""
         if wanted := self._follows.intersection(names):
-            self._enqueue(protocol.parameter_values(self._values(wanted)))
+            self._enqueue(live.parameter_values(self._values(wanted)))
 
     async def drain_and_close(self, patience: float) -> None:
         """Send queued messages and close the viewer's connection; give up after `patience` (s)."""
@@ -157,30 +156,30 @@ class Client:
         if isinstance(frame, bytes):
             return [live.status(live.Level.ERROR, "not understood: nothing binary is expected here")]
         try:
-            return self._answer(protocol.parse_request(frame))
+            return self._answer(live.parse_request(frame))
         except InputRefused as refusal:
             return [live.status(live.Level.ERROR, str(refusal))]
 
-    def _answer(self, asked: protocol.Request) -> list[str]:
+    def _answer(self, asked: live.Request) -> list[str]:
         match asked:
-            case protocol.Subscribe():
+            case live.Subscribe():
                 return self._subscribe(asked)
-            case protocol.Unsubscribe():
+            case live.Unsubscribe():
                 left = {c: number for c, number in self.subscriptions.items() if number not in asked.ids}
                 self.subscriptions = left
                 self.lacking &= left.keys()
                 self._on_subscription(False)
-            case protocol.GetParameters():
-                return [protocol.parameter_values(self._values(asked.names), asked.id)]
-            case protocol.SetParameters():
+            case live.GetParameters():
+                return [live.parameter_values(self._values(asked.names), asked.id)]
+            case live.SetParameters():
                 return self._set_parameters(asked)
-            case protocol.FollowParameters(op="subscribeParameterUpdates"):
+            case live.FollowParameters(op="subscribeParameterUpdates"):
                 self._follows |= self._values(asked.names).keys()
-            case protocol.FollowParameters():
+            case live.FollowParameters():
                 self._follows -= self._values(asked.names).keys()
         return []
 
-    def _subscribe(self, asked: protocol.Subscribe) -> list[str]:
+    def _subscribe(self, asked: live.Subscribe) -> list[str]:
         answers, before = [], len(self.subscriptions)
         for wanted in asked.subscriptions:
             if wanted.channel not in self._channels:
@@ -195,7 +194,7 @@ class Client:
             self._on_subscription(True)
         return answers
 
-    def _set_parameters(self, asked: protocol.SetParameters) -> list[str]:
+    def _set_parameters(self, asked: live.SetParameters) -> list[str]:
         """Request a viewer's changes; return the answers, with current values for refused parameters."""
         answers, names = [], [wish.name for wish in asked.parameters]
         if self._may_tune:
@@ -208,7 +207,7 @@ class Client:
         else:
             answers.append(live.status(live.Level.WARNING, READ_ONLY_REFUSAL))
         if asked.id is not None and names:
-            answers.append(protocol.parameter_values(self._values(names), asked.id))
+            answers.append(live.parameter_values(self._values(names), asked.id))
         return answers
 
     def _values(self, names: Collection[str]) -> dict[str, bool | float | str]:

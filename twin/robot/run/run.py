@@ -358,7 +358,6 @@ def _describe_drive(plan: DrivePlan) -> str:
 
 
 def _with_remedy(experiment: Experiment, simulation: Simulation, assembly: Assembly, what: str) -> ComponentFailed:
-    """Return the error of a failed component with a suggested remedy."""
     sentences = [what]
     culprits = dict(zip(("drive_1", "drive_2", "drive_3"), assembly.drives, strict=True)) | {
         "drive": assembly.drives[0]
