@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from twin.kernel.settings import Settings
-from twin.robot.experiment import schema
 from twin.robot.experiment.fault import FAULT_KINDS, FaultTable
 from twin.robot.experiment.recorded import Metadata, recorded_fmus, recorded_values
-from twin.robot.experiment.schema import DeclaredTables, nested_tables
+from twin.robot.experiment.schema import DeclaredTables, Drive, nested_tables
 from twin.robot.experiment.source import read_source
 from twin.robot.experiment.template import ROBOT_FILE
 from twin.robot.paths import PROJECT_FOLDER
@@ -39,12 +38,7 @@ def flatten(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
 @cache
 def _names_by_key(declared: DeclaredTables) -> dict[str, str]:
     """Return the name without unit of each key of an experiment file, such as kp for kp_mm_per_N."""
-    tables: dict[str, type[Settings]] = {
-        **declared.tables,
-        "drive": schema.Drive,
-        "fault": FaultTable,
-        **declared.tasks,
-    }
+    tables: dict[str, type[Settings]] = {**declared.tables, "drive": Drive, "fault": FaultTable, **declared.tasks}
     models = [model for name, table in tables.items() for model in nested_tables(table, name).values()]
     fields = {field.alias: name for model in models for name, field in model.model_fields.items() if field.alias}
     magnitudes = {kind.magnitude_key: "magnitude" for kind in FAULT_KINDS.values() if kind.magnitude_key}
