@@ -153,7 +153,6 @@ def checked_tables(declared: DeclaredTables, source: Source, folder: Path, mista
     Args:
         source: merged values of all files.
         folder: folder for looking up bodies and drives.
-        mistakes: list that receives an error message for each error.
     """
     _fill_from_robot(declared, source.values)
     values = source.values

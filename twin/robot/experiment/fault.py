@@ -421,7 +421,6 @@ def checked_faults(tables: Any, tick: float, mistakes: list[str]) -> tuple[Fault
     Args:
         tables: array from the file; () if missing.
         tick: duration of a tick (s).
-        mistakes: list that receives an error message for each error, with the number of its fault, from 1.
 
     Returns:
         The valid faults, one for each member of a group.

@@ -399,7 +399,6 @@ def checked_measures(tables: Any, duration: float, mistakes: list[str]) -> tuple
     Args:
         tables: array from the file; () if missing.
         duration: duration of the experiment (s).
-        mistakes: list that receives an error message for each error, with the number of its measure, from 1.
     """
     measures: list[Measure] = []
     for number, table in numbered_tables(tables, "measure", mistakes):

@@ -178,7 +178,6 @@ def checked_tasks(kinds: Mapping[str, type[Task]], tables: Any, mistakes: list[s
     Args:
         kinds: task models, by the key `kind` of their tables.
         tables: array from the file; None if missing.
-        mistakes: list that receives an error message for each error, with the number of its task.
     """
     if tables is None:
         return {}
@@ -450,7 +449,6 @@ def checked_changes(
         tables: array from the file; () if missing.
         values: tables of the experiment.
         tick, duration: duration of a tick and of the experiment (s).
-        mistakes: list that receives an error message for each error, with the number of its change, from 1.
     """
     changes: dict[tuple[int, str], Change] = {}
     for number, table in numbered_tables(tables, "change", mistakes):

@@ -87,7 +87,6 @@ def check_third_party_table(
     Args:
         declared: tables of twin's own components.
         folder: folder for looking up files.
-        mistakes: list that receives an error message for each error.
     """
     own_keys, model = toml_keys(StandIn), declared.tables[role]
     own = {key: value for key, value in table.items() if key in own_keys}

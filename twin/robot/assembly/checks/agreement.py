@@ -83,11 +83,6 @@ def _mode_errors(checked: Mapping[str, Any], named: Collection[str]) -> list[str
     if computer.force is None:
         # third-party, with its own modes and gains
         return ["missing table [approach], which tasks need"] if has_tasks and "approach" not in named else []
-    force = {
-        "reference_N": computer.force.reference,
-        "trigger_N": computer.force.trigger,
-        "trigger_time_s": computer.force.trigger_time,
-    }
     if not has_tasks:
         missing = computer.mode == "force_position" and computer.force.reference is None
         return ["[controller.force] missing key 'reference_N'"] if missing else []
@@ -99,7 +94,7 @@ def _mode_errors(checked: Mapping[str, Any], named: Collection[str]) -> list[str
         mistakes.append(f'[controller] mode = "{computer.mode}": tasks press; expected "force_position"')
     mistakes += [
         f"[controller.force] {key}: tasks have a force of their own and feel contact by [controller.touch]; remove it"
-        for key, value in force.items()
-        if value is not None
+        for name, key in (("reference", "reference_N"), ("trigger", "trigger_N"), ("trigger_time", "trigger_time_s"))
+        if getattr(computer.force, name) is not None
     ]
     return mistakes
