@@ -1,4 +1,7 @@
-"""Error messages for invalid tables: place, value, expectation; with hints at probably wrong units."""
+"""Error messages for invalid tables: place, value, expectation; with hints at probably wrong units.
+
+Functions with an argument `mistakes` append a message for each error to it; items of arrays are numbered from 1.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
