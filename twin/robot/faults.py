@@ -142,11 +142,7 @@ def power_step(m, t, h, u, y):
 
 
 class PowerFault(FaultComponent):
-    """Sampled fault component: passes power signals on, and cuts all of them while active.
-
-    Args:
-        port: power line or lines.
-    """
+    """Sampled fault component: passes the power line or lines of `port` on, and cuts all of them while active."""
 
     def __init__(self, name: str, span: Span, port: Port):
         memory = memory_of(POWER_MEMORY, window=window(span, 1), lines=port.size)
@@ -163,11 +159,7 @@ def gate_step(m, t, h, u, y):
 
 
 class PowerGate(NativeComponent):
-    """Sampled component on the drives' side of a failing bus: sets the speed command to zero without power.
-
-    Args:
-        size: number of drives behind it.
-    """
+    """Sampled component behind a failing bus: sets the speed commands of `size` drives to zero without power."""
 
     def __init__(self, name: str, size: int):
         port = Port("omega_ref", size, "rad/s", "commanded motor speed, of a drive that has power")

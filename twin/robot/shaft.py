@@ -212,9 +212,7 @@ def unpowered_step(m, t, h, u, y):
 
 
 class UnpoweredShaft(NativeComponent):
-    """Continuous component behind a drive and its faults: passes the shaft on until the power is cut.
-
-    The power stays cut.
+    """Continuous component behind a drive and its faults: passes the shaft on until the power is cut for good.
 
     Args:
         theta_m: angle before tick 0 (rad).

@@ -237,12 +237,7 @@ def tank_step(m, t, h, u, y):
 
 
 class TankValve(NativeComponent):
-    """Sampled component of the energy tank: commanded motor speeds in, permitted speeds out.
-
-    Args:
-        tank: settings.
-        period: period in ticks.
-    """
+    """Sampled component of the energy tank: commanded motor speeds in, permitted speeds out; `period` in ticks."""
 
     def __init__(self, tank: Tank, period: int = 1):
         memory = memory_of(TANK_MEMORY, tank=tuple(tank), level=tank.size)

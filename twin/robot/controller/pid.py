@@ -160,11 +160,7 @@ def low_pass_share(corner, h):
 
 @njit(cache=True)
 def cached_share(cache, corner, h):
-    """Return the filter coefficient of a first-order low-pass, recomputed only for a changed corner or period.
-
-    Args:
-        cache: a record of `LOW_PASS_RECORD`, initially 0.
-    """
+    """Return a first-order low-pass's share, kept in a `LOW_PASS_RECORD` (0 at first) until corner or period change."""
     if cache.corner != corner or cache.h != h:
         cache.corner, cache.h, cache.share = corner, h, low_pass_share(corner, h)
     return cache.share

@@ -37,11 +37,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def unit_hints(values: Mapping[str, Any]) -> list[str]:
-    """Return a message for each length in mm that would be plausible if it had been given in m or um.
-
-    Args:
-        values: values of an experiment, as `Experiment.values`, checked or not.
-    """
+    """Return a message for each length in mm among an experiment's `values` that is plausible in m or um."""
     sentences_by_key: dict[str, str] = {}
     for key, length in _lengths(values):
         factor = 1e3 if abs(length) < MIN_LENGTH else 1e-3
