@@ -65,7 +65,7 @@ def cells(name: str) -> list[str]:
 def draw(path: Path) -> None:
     """Force over depth of every body, to `path` (PNG)."""
     depths = np.linspace(1e-6, DEEPEST, 300)
-    with picture(path, 9, 4.8, "What the bodies answer with") as figure:
+    with picture(path, 9, 4.8, "Force over depth of the bodies") as figure:
         axes = figure.subplots()
         for name, color in zip(REGIONS, COLORS, strict=True):
             axes.plot(1e3 * depths, [force(name, d) for d in depths], color=color, lw=1.5, label=name.replace("_", " "))

@@ -1,7 +1,4 @@
-"""The keys of an experiment file as its schema has them, in the words of docs/keys.md.
-
-`python -m tests.docs.schema_rows` puts into the page what it lacks, each key with what its declaration says of it.
-"""
+"""Rows of docs/keys.md, made of the declarations of the keys; `python -m tests.docs.schema_rows` writes them."""
 
 import re
 from typing import Any, Literal, get_args, get_origin
@@ -30,6 +27,8 @@ TABLES: dict[str, type[Settings]] = {
     **{_ARRAYS.get(path, f"[{path}]"): model for path, model in _DECLARED.items() if path not in ELSEWHERE},
     "[drive]": schema.Drive,
     "[drive.velocity_loop]": schema.VelocityLoop,
+    "[drive.position_command]": schema.PositionCommand,
+    "[drive.rotor]": schema.Rotor,
     "[drive.unpowered]": schema.UnpoweredDrive,
     "[drive.parts.NAME]": schema.DrivePart,
     "a third-party part": stand_in.StandIn,
@@ -38,18 +37,24 @@ TABLES: dict[str, type[Settings]] = {
     "[[change]]": schema.ChangeTable,
     **{f'[[measure]] kind = "{kind}"': table for kind, table in measure.MEASURE_KINDS.items()},
 }
+ROWS = re.compile(r"(^\|---.*\n)(?:\|.*\n)*", re.MULTILINE)
 SIGNS = {annotated_types.Gt: ">", annotated_types.Ge: ">=", annotated_types.Lt: "<", annotated_types.Le: "<="}
 
 
-def rows(model: type[Settings]) -> dict[str, tuple[str, str, str]]:
-    """key -> (unit, default, allowed), each as docs/keys.md writes it; only keys that its base does not have."""
+def rows(model: type[Settings]) -> dict[str, str]:
+    """Return the row of each key of a table; [plant] has only the keys that [robot] does not have."""
     tables = DECLARED_TABLES.tables
     inherited = tables["robot"].model_fields if model is tables["plant"] else {}
     return {
-        field.alias or name: (_unit(name, field), _default(field), _allowed(field))
+        (key := field.alias or name): f"| `{key}` | {' | '.join(_cells(name, field))} |"
         for name, field in model.model_fields.items()
         if name not in inherited and not _is_table(field)
     }
+
+
+def _cells(name: str, field: FieldInfo) -> tuple[str, ...]:
+    """Unit, default, allowed values and meaning of a key."""
+    return _unit(name, field), _default(field), _allowed(field), field.description or ""
 
 
 def _is_table(field: FieldInfo) -> bool:
@@ -76,13 +81,13 @@ def _default(field: FieldInfo) -> str:
         case None:
             return ""
         case bool(value):
-            return str(value).lower()
+            return f"`{value}`".lower()
         case str(value):
-            return f'"{value}"'
+            return f'`"{value}"`'
         case tuple(value):
-            return str([int(part) if part == int(part) else part for part in value])
+            return f"`{[int(part) if part == int(part) else part for part in value]}`"
         case value:
-            return f"{value:g}"
+            return f"`{value:g}`"
 
 
 def _allowed(field: FieldInfo) -> str:
@@ -101,16 +106,8 @@ def _limit(bound: Any) -> float:
     return getattr(bound, {">": "gt", ">=": "ge", "<": "lt", "<=": "le"}[SIGNS[type(bound)]])
 
 
-ROW = re.compile(r"(?<!\\)\|")
-
-
-def cells(line: str) -> tuple[str, ...]:
-    """Key, unit, default, allowed and meaning in a row of the page."""
-    return tuple(cell.strip().replace("`", "") for cell in ROW.split(line.strip("|")))
-
-
 def completed(page: str) -> str:
-    """The text of `page` with a row for each key of its tables, new ones last; a row that is right stays."""
+    """Return the text of `page` with the rows of its tables."""
     first, *sections = page.split("\n## ")
     return "\n## ".join([first, *(_with_rows(section) for section in sections)])
 
@@ -119,19 +116,8 @@ def _with_rows(section: str) -> str:
     model = TABLES.get(section.partition("\n")[0].replace("`", ""))
     if model is None:
         return section
-    lines = section.split("\n")
-    there = {cells(line)[0]: line for line in lines if line.startswith("| `")}
-    where = next(n for n, line in enumerate(lines) if line.startswith("|---")) + 1
-    helps = {info.alias or name: info.description for name, info in model.model_fields.items()}
-    made, known = [], rows(model)
-    for key in [*(key for key in there if key in known), *(key for key in known if key not in there)]:
-        line, (unit, default, allowed) = there.get(key), known[key]
-        if line is None or cells(line)[1:4] != (unit, default, allowed):
-            said = default if default in ("", "needed") else f"`{default}`"
-            line = f"| `{key}` | {unit} | {said} | {allowed} | {cells(line)[4] if line else helps[key]} |"
-        made.append(line)
-    after = [line for line in lines[where:] if not line.startswith("| `")]
-    return "\n".join([*lines[:where], *made, *after])
+    body = "".join(f"{row}\n" for row in rows(model).values())
+    return ROWS.sub(lambda head: head[1] + body, section + "\n")[:-1]
 
 
 if __name__ == "__main__":

@@ -63,10 +63,7 @@ readers get."""
 
 
 class Span(NamedTuple):
-    """Time span of a fault: active in the ticks onset <= k < end.
-
-    For a continuous component, in the steps that begin at these ticks.
-    """
+    """Time span of a fault: active in ticks, or in steps that begin at ticks, onset <= k < end."""
 
     onset: int
     end: int
@@ -124,7 +121,6 @@ class CommandFault(FaultComponent):
     """Sampled fault component: limits the commanded drive speeds to +-limit while active.
 
     Args:
-        span: active ticks.
         limit: limit of the drives' speed (rad/s).
         size: number of drives behind it.
     """
@@ -146,12 +142,7 @@ def power_step(m, t, h, u, y):
 
 
 class PowerFault(FaultComponent):
-    """Sampled fault component: passes power signals on, and cuts all of them while active.
-
-    Args:
-        span: active ticks.
-        port: power line or lines.
-    """
+    """Sampled fault component: passes the power line or lines of `port` on, and cuts all of them while active."""
 
     def __init__(self, name: str, span: Span, port: Port):
         memory = memory_of(POWER_MEMORY, window=window(span, 1), lines=port.size)
@@ -168,11 +159,7 @@ def gate_step(m, t, h, u, y):
 
 
 class PowerGate(NativeComponent):
-    """Sampled component on the drives' side of a failing bus: sets the speed command to zero without power.
-
-    Args:
-        size: number of drives behind it.
-    """
+    """Sampled component behind a failing bus: sets the speed commands of `size` drives to zero without power."""
 
     def __init__(self, name: str, size: int):
         port = Port("omega_ref", size, "rad/s", "commanded motor speed, of a drive that has power")
@@ -199,7 +186,6 @@ class ParameterFault(FaultComponent):
     Before the onset and after the end it is the nominal value, to the last bit.
 
     Args:
-        span: active ticks.
         owner: component whose memory holds the parameter.
         parameter: name of the parameter there.
         cell: the parameter itself, a view (1,) of that memory.
@@ -250,10 +236,7 @@ def next_uniform(memory):
 
 
 def first_state(seed: int, number: int) -> int:
-    """Return the initial random generator state of a fault.
-
-    Faults with one `seed` draw different numbers.
-    """
+    """Return the initial random state of a fault; faults with one `seed` draw different numbers."""
     # modulo 2**64 is intended
     with np.errstate(over="ignore"):
         return int(scramble(np.uint64((seed + number * int(_GAMMA)) % 2**64)))
@@ -374,8 +357,6 @@ class CountFault(FaultComponent):
     Counts stay whole numbers, but the port is of kind "double": a lost count may be NaN.
 
     Args:
-        span: active ticks.
-        law: law of the fault.
         port: the encoder's port of counts (3).
         element: index of the count, 0 to 2.
         counts: offset in counts, size of one step, or drift per tick.
@@ -473,7 +454,6 @@ class MessageFault(FaultComponent):
     After the fault readers get the sender's present message at once; messages under way are dropped.
 
     Args:
-        span: active ticks.
         ports: ports of the sender that make one message.
         sender_period: period of the sender (ticks).
         least, most: range of the time under way (ticks).

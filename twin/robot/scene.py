@@ -121,10 +121,7 @@ def lean_rotation(azimuth, lowered):
 
 @njit(cache=True)
 def direction_rotation(x, y, z):
-    """Return the quaternion that turns e_x to the direction of (x, y, z), about y, then about z.
-
-    Identity if (x, y, z) is zero.
-    """
+    """Return the quaternion that turns e_x to (x, y, z), about y, then about z; identity for a zero vector."""
     # a positive turn about y lowers e_x
     return lean_rotation(math.atan2(y, x), math.atan2(-z, math.hypot(x, y)))
 
@@ -135,13 +132,9 @@ def poses(
     """Compute position (m) and unit quaternion (x, y, z, w) of each part of the robot's drawing in frame B.
 
     Args:
-        geometry: lengths of Fig. 2.
         theta_l: angles of the proximal links in rad, (n, 3).
         p_B: platform position in m, (n, 3).
         surface_B: pose of the surface, (n, POSE_SIZE).
-
-    Raises:
-        InputRefused: theta_l or p_B is not finite or not of shape (n, 3).
     """
     joints = skeleton(geometry, theta_l, p_B)
     found = np.empty((len(p_B), len(SCENE_FRAMES), POSE_SIZE))
@@ -383,10 +376,7 @@ def surface_pose(contact: Contact) -> NDArray[np.float64]:
 
 
 def transforms_example(beside: str = "") -> FrameTransforms:
-    """Build a Foxglove message with the frames of all drawn parts, whose numbers are filled in row by row.
-
-    The names of the frames get the prefix `beside`.
-    """
+    """Build the message of all parts' frames, with names prefixed by `beside`; numbers are filled in by row."""
     transforms = []
     for number, frame in enumerate(SCENE_FRAMES):
         x, y, z, *q = (blank_value(POSE_SIZE * number + i) for i in range(POSE_SIZE))

@@ -73,10 +73,7 @@ def free_shaft(theta_m, omega_m, tau_load, h):
 
 @njit(cache=True)
 def turn_shaft(m, drive, tau_load, power, h):
-    """Turn the motor shaft behind a faulty drive over a step of `h` seconds, by the law of the fault.
-
-    `drive` is the new angle of the drive's own shaft.
-    """
+    """Turn the shaft behind a faulty drive for `h` seconds; `drive` is the new angle of the drive's own shaft."""
     before = m.theta_m
     if m.law == _FREEWHEEL_LAW:
         m.theta_m, m.omega_m = free_shaft(m.theta_m, m.omega_m, tau_load, h)
@@ -124,9 +121,6 @@ class DriveFault(FaultComponent):
     from its present angle: without a jump, with a permanent offset. The drive itself is unaffected.
 
     Args:
-        name: component name.
-        span: active time.
-        law: motion of the shaft.
         omega: speed of a runaway (rad/s).
         theta_m: angle of the drive's shaft before tick 0 (rad).
         monitored: whether there is an input `power`; without it the power is always on.
@@ -218,13 +212,9 @@ def unpowered_step(m, t, h, u, y):
 
 
 class UnpoweredShaft(NativeComponent):
-    """Continuous component behind a drive and its faults: passes the shaft on until the power is cut.
-
-    The power stays cut.
+    """Continuous component behind a drive and its faults: passes the shaft on until the power is cut for good.
 
     Args:
-        name: component name.
-        unpowered: parameters of the unpowered shaft.
         theta_m: angle before tick 0 (rad).
         period: period of the drive, in ticks.
     """

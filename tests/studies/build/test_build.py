@@ -76,7 +76,7 @@ def test_parameters_are_called_and_said_as_in_the_file(built: Callable[..., Path
     variables = {v.name: v for v in fmpy.read_model_description(str(built("plant"))).modelVariables}
     stiffness, height = variables["plant.k_s_Nm_per_rad"], variables["contact.height_mm"]
     assert (stiffness.causality, stiffness.variability, stiffness.start) == ("parameter", "fixed", "1.0")
-    assert stiffness.description == "stiffness of the series elastic spring, Eq. 18"
+    assert stiffness.description == "stiffness of a joint's spring, on the motor's side, Eq. 18"
     unit = stiffness.declaredType or stiffness
     assert unit.unit == "Nm/rad"
     assert (height.start, height.unit) == ("-101.0", "mm")

@@ -18,7 +18,7 @@ from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import FAULT_KINDS, Fault
-from twin.robot.run.monitor_work import MonitorWork
+from twin.robot.run.runs import MonitorWork
 from twin.robot.run.shared_prefix import SharedPrefix
 from twin.robot.run.trace import Trace
 from twin.studies.faults.cases import cases, known_kinds

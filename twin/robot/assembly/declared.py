@@ -63,10 +63,7 @@ def _values_memory(component: str, record: str, values: type[Values]) -> Setting
 
 
 def _monitor_belief_fields() -> dict[str, FieldSource]:
-    """Return the setting behind each field of the monitor's robot model.
-
-    These are always settings of [robot], independent of [controller.model].
-    """
+    """Return the setting of [robot] behind each field of the monitor's model, whatever [controller.model] has."""
     model = MonitorBelief.sources
     return {name: FieldSource(Robot, model[name].name if name in model else name) for name in MonitorBelief._fields}
 

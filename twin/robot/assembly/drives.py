@@ -80,11 +80,7 @@ class DrivePlan:
     system: "EnclosedSystem | None" = None
 
     def folder(self, part: str) -> Path:
-        """Return the folder into which the FMU of a drive part is unpacked.
-
-        Raises:
-            InputRefused: the folder cannot be written.
-        """
+        """Return the folder into which the FMU of a drive part is unpacked."""
         if self.system is not None:
             return self.system.folder(part)
         fmu = self.parts[part]
@@ -94,18 +90,12 @@ class DrivePlan:
         return known[fmu.sha256]
 
     def with_enable_input(self) -> "DrivePlan":
-        """Return the drive's plan with its enable signal as an input.
-
-        Unchanged if the drive has no such signal or the experiment fixes it.
-        """
+        """Return the plan with its enable signal as an input, unless it has no such signal or fixes it."""
         fixed = {qualified_name(part, v.name) for part, settings in self.settings.items() for v, _ in settings}
         return replace(self, switched=any(b.port.name == ENABLE_ROLE and b.name not in fixed for b in self.bindings))
 
     def tolerance(self, part: str) -> float | None:
-        """Return the solver tolerance of an FMU of the drive; None for a solver without one.
-
-        It is the experiment's, else the FMU's, else the default for CVODE.
-        """
+        """Return a part's tolerance: the experiment's, FMU's or CVODE's default; None if its solver takes none."""
         own = self.table.parts[part].tolerance if part in self.table.parts else None
         stated = self.table.tolerance if own is None else own
         stated = self.parts[part].tolerance if stated is None else stated
@@ -196,7 +186,6 @@ def plan_drive(table: Drive) -> DrivePlan:
 
 
 def _plan_system(table: Drive) -> DrivePlan:
-    """Check a drive that is an SSP and return its plan."""
     system = _enclosed_system(table)
     label, wiring = system.path.name, _wiring(table)
     for key in ("tolerance", "kind", "solver", "solver_step"):
@@ -232,11 +221,7 @@ def _check_axes(plan: DrivePlan) -> DrivePlan:
 
 
 def fmus(table: Drive) -> "Mapping[str, FmuDescription | EnclosedSystem]":
-    """Return the descriptions of a drive's FMUs by part name; an SSP is one entry under `ONLY_PART`.
-
-    Raises:
-        InputRefused: one cannot be used, or does not match its pinned hash.
-    """
+    """Return the descriptions of a drive's FMUs by part name; an SSP is one entry under `ONLY_PART`."""
     if table.fmu is not None and is_system(Path(table.fmu)):
         system = _enclosed_system(table)
         return {ONLY_PART: system, **system.descriptions}
@@ -271,11 +256,7 @@ def is_system(file: Path) -> bool:
 
 
 def refuse_other_file(file: Path, sha256: str, pinned: str | None) -> None:
-    """Refuse a file whose SHA-256 differs from the pinned one; without a pinned hash, accept any file.
-
-    Raises:
-        InputRefused: the hashes differ.
-    """
+    """Refuse a file whose SHA-256 differs from the pinned one; without a pinned hash, accept any file."""
     if pinned is not None and pinned.lower() != sha256:
         raise InputRefused(
             f"{file}: has sha256 {sha256}; the experiment pins {pinned.lower()}. It is another file: get the "
@@ -311,10 +292,7 @@ def _checked_wire(label: str, variables: dict[str, Variable], source: str, targe
 
 
 def rates(name: str, table: Drive, tick: float) -> tuple[int, int]:
-    """Return (inner ticks per tick, inner ticks per command of twin's velocity loop) of a drive.
-
-    By default there is one command per tick.
-    """
+    """Return a drive's (inner ticks per tick, inner ticks per command of twin's velocity loop, by default one tick)."""
     key, loop = next(
         ((key, found) for key in ("velocity_loop", "position_command") if (found := getattr(table, key))), ("", None)
     )
@@ -337,18 +315,20 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
         tick: tick of the surrounding system (s).
         theta_m: motor angle at t = 0 (rad).
         tau_load: load at t = 0 (N m). Three of each for a drive of three axes.
-
-    Raises:
-        InputRefused: an FMU cannot be loaded or initialised, or the rates do not fit the tick.
     """
     substeps, period = rates(name, plan.table, tick)
     alone = plan.is_bare and (len(plan.parts) == 1 or plan.system is not None) and substeps == 1
     with ExitStack() as made:
         parts: list[FmuComponent | EnclosedComponent] = []
         if plan.system is not None:
+            inputs, outputs = _ports(plan, plan.bindings)
             parts.append(
-                _system_component(name if alone else "system", plan, tick / substeps, substeps, theta_m, tau_load)
-            )
+                plan.system.component(
+                    name if alone else "system", inputs, outputs, tick / substeps, 1, (plan.ticks or 0) * substeps,
+                    inputs_at_start={"tau_load": tau_load, ENABLE_ROLE: 1.0, "theta_m": theta_m},
+                    outputs_at_start={"theta_m": theta_m},
+                )
+            )  # fmt: skip
             made.callback(parts[-1].close)
         for part, description in plan.parts.items() if plan.system is None else ():
             refuse_step(description, tick, substeps)
@@ -362,17 +342,6 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
             component = _inner_system(name, plan, parts, tick, substeps, period, theta_m)
         made.pop_all()
     return component
-
-
-def _system_component(
-    name: str, plan: DrivePlan, tick: float, substeps: int, theta_m: Start, tau_load: Start
-) -> "EnclosedComponent":
-    """Create the component of a drive that is an SSP."""
-    assert plan.system is not None
-    inputs, outputs = _ports(plan, plan.bindings)
-    started = {"tau_load": tau_load, ENABLE_ROLE: 1.0, "theta_m": theta_m}
-    ticks, shaft = (plan.ticks or 0) * substeps, {"theta_m": theta_m}
-    return plan.system.component(name, inputs, outputs, tick, 1, ticks, inputs_at_start=started, outputs_at_start=shaft)
 
 
 def _ports(plan: DrivePlan, mine: Sequence[Binding]) -> tuple[list[FmuPort], list[FmuPort]]:

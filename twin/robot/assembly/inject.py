@@ -54,11 +54,7 @@ class Circuit:
         self._stand_ins: dict[End, End] = {}
 
     def component(self, name: str, number: int, target: str) -> Component:
-        """Return the component `name`; refuse fault `number` on `target` if it does not exist.
-
-        Raises:
-            InputRefused: the component does not exist.
-        """
+        """Return the component `name`; refuse fault `number` on `target` if it does not exist."""
         for component in self.components:
             if component.name == name:
                 return component
@@ -228,22 +224,15 @@ def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) ->
         late.numbers = {"magnitude": ("share", 1.0)}
     if targets:
         circuit.insert_before(late, targets, ends([late], "input", "omega_ref"))
-        _insert_power_gate(circuit, f"{late.name}_power", targets)
+        # without a gate, drives that cannot be switched would obey a late command that the bus still delivers; without
+        # faults the monitor stops them through its command, see docs/safety.md
+        if lines := power_lines(circuit):
+            gate = PowerGate(f"{late.name}_power", len(targets))
+            circuit.insert_before(gate, targets, ends([gate], "input", "omega_ref"))
+            circuit.feeds[End(gate.name, "power")] = circuit.faulty_output(End(lines[-1][0], "power"))
         return
     sent = [end for port in ports for end in ends([sender], "output", port.name)]
     circuit.insert_after(late, sent, [end for port in ports for end in ends([late], "input", port.name)])
-
-
-def _insert_power_gate(circuit: Circuit, name: str, targets: Sequence[End]) -> None:
-    """Insert a gate that stops unpowered drives although the bus still delivers their motion commands.
-
-    Without it, a monitor with drives that cannot be switched stops them through its command, see docs/safety.md.
-    """
-    lines = power_lines(circuit)
-    if lines:
-        gate = PowerGate(name, len(targets))
-        circuit.insert_before(gate, targets, ends([gate], "input", "omega_ref"))
-        circuit.feeds[End(name, "power")] = circuit.faulty_output(End(lines[-1][0], "power"))
 
 
 def _cut_power(circuit: Circuit, number: int, fault: Fault) -> None:

@@ -61,9 +61,6 @@ class IsolatedDrives:
         step: timeout of one call into a drive (s).
         count: number of processes to start in advance, as starting takes a while.
         keep: whether to reuse the processes of drives that have ended normally.
-
-    Raises:
-        InputRefused: this system has no futex.
     """
 
     one_process = False
@@ -92,11 +89,7 @@ class IsolatedDrives:
         os.sched_setaffinity(0, self._processors)
 
     def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
-        """Create the component of a drive that runs in another process.
-
-        Raises:
-            InputRefused: as there; also if it crashes or hangs during creation.
-        """
+        """Create the component of a drive that runs in another process."""
         processor = ctypes.CDLL(None).sched_getcpu()
         os.sched_setaffinity(0, {processor})
         process = self._idle.pop(0)
@@ -118,7 +111,6 @@ class IsolatedDrives:
             raise
 
     def _release(self, process: GuardedProcess) -> None:
-        """Keep the process of a normally ended drive for reuse, or end it."""
         if self._keep and process.memory < 0.5 * self._limits.memory:
             self._idle.append(process)
         else:
@@ -148,8 +140,6 @@ class IsolatedDrive(ProcessProxy):
     """Proxy component of a drive that runs in another process.
 
     Args:
-        name: component name.
-        plan: plan of the drive.
         watch: watchdog of its process.
         described: encoded interface of the drive, see `_packed_description`.
         over: called with the process when the drive has ended normally.
@@ -215,10 +205,7 @@ class IsolatedDrive(ProcessProxy):
         return content
 
     def _send_order(self, number: int) -> None:
-        """Let the drive's process save or restore its state between two steps.
-
-        A failure raises ComponentFailed.
-        """
+        """Let the drive's process save or restore its state between two steps; ComponentFailed on failure."""
         u, y = np.zeros(max(1, self._page.inputs)), np.zeros(max(1, self._page.outputs))
         status = STEP_FUNCTION(ask.address)(self.self_address, float(number), NO_STEP, u.ctypes.data, y.ctypes.data)
         if status == REFUSED_STATUS:
@@ -291,9 +278,6 @@ def hosted_drive(
         name, tick, theta_m, tau_load: see `drive`.
         table, switched, ticks, ramped: see `DrivePlan`.
         processor: processor to serve on.
-
-    Raises:
-        InputRefused: the drive cannot be created.
     """
     plan = replace(plan_drive(table), ticks=ticks, ramped=ramped)
     plan = plan.with_enable_input() if switched else plan
@@ -338,10 +322,6 @@ def _serve_page(page: SharedPage, component: Component) -> int:
 
 def _packed_description(component: Component) -> str:
     """Encode ports, initial outputs and code of a component as text, for its proxy in another process."""
-    initial, code, lacking = (
-        np.array(component.initial_outputs),
-        tuple(compiled_names([component])),
-        component.lacks_state(),
-    )
-    facts = (component.inputs, component.outputs, initial, called_function(component), code, lacking)
+    initial, code = np.array(component.initial_outputs), tuple(compiled_names([component]))
+    facts = component.inputs, component.outputs, initial, called_function(component), code, component.lacks_state()
     return base64.b64encode(pickle.dumps(facts)).decode()

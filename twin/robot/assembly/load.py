@@ -60,7 +60,6 @@ def checked_experiment(source: Source, name: str, where: Path, folder: Path) -> 
 
     Args:
         source: merged values of all files.
-        name: experiment name.
         where: origin, for error messages.
         folder: folder for looking up bodies and drives.
 
@@ -96,7 +95,6 @@ def recorded_experiment(
     drive pins its recorded SHA-256, so that no other file is used, unless `drive` or a setting of [drive] replaces it.
 
     Args:
-        metadata: metadata of the recording.
         where: path of the recording.
         duration: new duration (s); None to keep the recorded one.
         changed: whether to accept a run with changes by hand.

@@ -39,10 +39,7 @@ def common_functions() -> tuple[Native, ...]:
 
 
 def compile_in_background() -> None:
-    """Start a background process that compiles the functions every run needs, if many are not cached.
-
-    It starts with the last function.
-    """
+    """Compile the functions that every run needs in a background process, last first, if many are not cached."""
     if (os.cpu_count() or 1) > 1 and sum(not native.has_code for native in common_functions()) > MAX_SERIAL_COMPILES:
         helper = subprocess.Popen(module_command(__name__), env=environment(), stdin=subprocess.DEVNULL)
         atexit.register(_end, helper)

@@ -60,7 +60,6 @@ class SampledFmu:
     """The checked plan of an FMU or SSP that serves as controller, monitor or another part of the robot.
 
     Attributes:
-        description: description of the FMU or system.
         settings: values set before initialisation, for a single FMU.
         bindings: variable of each port, or of each value of a port.
         inputs, outputs: its ports, complete.
@@ -78,11 +77,7 @@ class SampledFmu:
     missing_outputs: tuple[str, ...] = ()
 
     def component(self, name: str, tick: float, period: int, ticks: int) -> FmuComponent:
-        """Create the component of a third-party FMU that is called once per period.
-
-        Raises:
-            InputRefused: it cannot be initialised.
-        """
+        """Create the component of a third-party FMU that is called once per period."""
         assert isinstance(self.description, FmuDescription)
         # the last call is at its last sample, and its step ends one period later, despite rounding
         last = ticks // period * period
@@ -95,13 +90,7 @@ class SampledFmu:
         return made
 
     def part(self, name: str, tick: float, period: int, ticks: int) -> Component:
-        """Create the component of a third-party FMU or SSP with all ports of its role.
-
-        Output values that the FMU lacks are 0.
-
-        Raises:
-            InputRefused: it cannot be initialised.
-        """
+        """Create the component of an FMU or SSP with all ports of its role; output values that it lacks are 0."""
         made: Component
         if isinstance(self.description, FmuDescription):
             made = self.component(name, tick, period, ticks)
@@ -149,9 +138,6 @@ def sampled_fmu(
         named: variables by input and by output.
         parameters: values in the FMU's names and units.
         tolerance: solver tolerance; None for the FMU's default.
-
-    Raises:
-        InputRefused: the FMU, the mapping or a parameter is invalid, or an input is unwired.
     """
     description, settings = _read_part(file, table, named, parameters, tolerance)
     # an input with a parameter value keeps it
@@ -191,10 +177,7 @@ def sampled_fmu(
 def _read_part(
     file: Path, table: str, named: tuple[Names, Names], parameters: Mapping[str, Value], tolerance: float | None
 ) -> "tuple[FmuDescription | EnclosedSystem, Sequence[Setting]]":
-    """Load the FMU or SSP of a third-party part; return its description and the parameter values to set.
-
-    An SSP already contains its values.
-    """
+    """Load a part's FMU or SSP; return its description and the parameter values to set (empty for an SSP)."""
     if is_system(file):
         from twin.kernel.systems.enclosed import enclose_system
 
@@ -283,10 +266,7 @@ def _refuse_missing_outputs(
     required: Sequence[Port],
     wired: Mapping[str, str],
 ) -> None:
-    """Refuse an FMU that has no variable mapped to a required output of its role.
-
-    The mapping is not guessed, because several outputs have the same unit.
-    """
+    """Refuse an FMU without mapped required outputs; as several have the same unit, a mapping is not guessed."""
     for port in required:
         if port.name not in wired and not all(f"{port.name}[{i + 1}]" in wired for i in range(port.size)):
             offered = [f"{v.name}{f' [{v.unit}]' if v.unit else ''}" for v in description.variables_of("output")]
@@ -305,10 +285,7 @@ def port_of(binding: Binding) -> str:
 def _complete_ports(
     file: Path, table: str, found: Sequence[Binding], side: str, offered: Sequence[Port], single: Collection[str]
 ) -> Iterator[Port]:
-    """Yield the ports that a third-party FMU has, with all of their values.
-
-    An incomplete port is refused unless its values were mapped one by one.
-    """
+    """Yield an FMU's complete ports; refuse incomplete ports unless their values were mapped one by one."""
     mine = [binding for binding in found if binding.role.causality == side]
     sizes = {name: sum(binding.variable.size for binding in group) for name, group in groupby(mine, port_of)}
     for port in offered:
@@ -344,10 +321,7 @@ def _refuse_unwired_inputs(
     found: Sequence[Binding],
     parameters: Collection[str],
 ) -> None:
-    """Refuse an FMU with an input that neither the robot nor a parameter feeds.
-
-    It would silently keep its start value.
-    """
+    """Refuse an FMU with an input that neither robot nor parameter feeds: it would keep its start value."""
     fed = {binding.variable.name for binding in found} | set(parameters)
     unfed = [v.name for v in description.variables.values() if v.causality == "input" and v.name not in fed]
     if unfed:
@@ -423,34 +397,20 @@ def third_party_part(role: str, table: StandIn) -> ThirdPartyPart:
 
 
 def third_party_parts(experiment: Experiment) -> dict[str, ThirdPartyPart]:
-    """Check all third-party parts of an experiment and return them by role.
-
-    Parts that a study has removed are skipped.
-
-    Raises:
-        InputRefused: see `third_party_part`.
-    """
+    """Check all third-party parts of an experiment, except parts that a study removed; return them by role."""
     gone = {role for role in ("monitor", "scale") if getattr(experiment, role) is None}
     return {role: third_party_part(role, table) for role, table in experiment.stand_ins.items() if role not in gone}
 
 
 def part_sha256(role: str, table: StandIn) -> str:
-    """Return the SHA-256 of the file of a third-party part, without executing the file.
-
-    Raises:
-        InputRefused: the file is missing, does not match its pinned hash, or is neither a fitting FMU nor Python.
-    """
+    """Return the SHA-256 of the file of a third-party part, without executing the file."""
     if table.fmu is not None:
         return _fmu_part(role, table).sha256
     return _source(table).sha256
 
 
 def part_from_class(role: str, given: Any) -> ThirdPartyPart:
-    """Check a Python class or instance that a program passes as a part of the robot.
-
-    Raises:
-        InputRefused: the ports do not fit.
-    """
+    """Check a Python class or instance that a program passes as a part of the robot."""
     kind = given if isinstance(given, type) else type(given)
     contract = ROLE_CONTRACTS[role]
     wanted = declared_ports(kind.__name__, given, *contract)
@@ -470,9 +430,6 @@ def refuse_third_party_parts(experiment: Experiment, asker: str, roles: Sequence
     Args:
         asker: name of the study, as the subject of a sentence.
         roles: parts that the study needs as twin's own.
-
-    Raises:
-        InputRefused: one of the roles is third-party.
     """
     for role in roles:
         if role in experiment.stand_ins:

@@ -22,7 +22,6 @@ def load_waypoints(tables: Tables, mistakes: list[str]) -> WayPoints | None:
 
     Args:
         tables: tables of the experiment.
-        mistakes: list that receives an error message if the shape is impossible.
     """
     reference, computer = tables.by_name.get("reference"), tables.by_name.get("controller")
     if reference is None:

@@ -31,7 +31,9 @@ MAX_STIFFNESS_ERROR = 0.4
 class Breath(Settings):
     """[controller.breath]: follow a surface that breathes, with the tissue known by [controller.tissue]."""
 
-    rate: float = setting("1/min", default=15.0, gt=0, le=120, help="believed initial rate")
+    rate: float = setting(
+        "1/min", default=15.0, gt=0, le=120, help="believed initial rate; rates from half to twice of it are followed"
+    )
     lag: float = setting("ms", default=20.0, ge=0, le=1000, help="believed lag of the robot behind its reference")
 
 

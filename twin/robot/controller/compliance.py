@@ -28,18 +28,15 @@ REST_SPEED = 1e-3
 class Damping(Settings):
     """[controller.damping]: yielding of the motors to swings of the springs' torque."""
 
-    gain: float = setting("rad/s/(N m)", ge=0, help="motor speed per torque of the spring")
-    corner: float = setting("Hz", gt=0, help="swings slower than this are not damped")
+    gain: float = setting("rad/s/(N m)", ge=0, help="motor speed per torque of the springs, against oscillation")
+    corner: float = setting("Hz", gt=0, help="corner of the high-pass of that torque; slower swings are not damped")
 
 
 DAMPER_RECORD = record_of(Damping, **states(slow="3f8", started="i8", low=LOW_PASS_RECORD))
 
 
 def damper(damping: Damping, slow: Any = (0.0, 0.0, 0.0), started: bool = False) -> tuple:
-    """Return the initial record of the damping by motor yielding.
-
-    It is at rest unless the slow torques (3,), N m, are given.
-    """
+    """Return the initial record of the damping, at rest unless the slow torques (3,), N m, are given."""
     return (*numbers(damping).values(), slow, started, (0.0, 0.0, 0.0))
 
 
@@ -62,8 +59,8 @@ def damp(damper, torque_per_spring, tau_l, h, lead):
 class FeedForward(Settings):
     """[controller.feed_forward]: believed lag of the drives and friction under the head."""
 
-    lag: float = setting("ms", ge=0, help="believed lag of the drives")
-    friction: float = setting(ge=0, field="mu", help="believed friction under the head")
+    lag: float = setting("ms", ge=0, help="believed time constant of the drives")
+    friction: float = setting(ge=0, field="mu", help="believed coefficient of friction under the head")
 
 
 class FeedForwardModel(

@@ -147,7 +147,6 @@ class Estimator(NativeComponent):
     """Sampled component of the paper's estimator: encoder counts in, position and force out.
 
     Args:
-        belief: the controller's model of the robot.
         gravity_compensation: whether to subtract the robot's own weight from the force.
         period: period in ticks.
     """

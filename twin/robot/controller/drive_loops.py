@@ -38,7 +38,6 @@ class DriveSpeedLoop(NativeComponent):
     Args:
         gains: PI from rad/s to the command's SI unit.
         limit: largest magnitude of the command.
-        command: port of the output.
         period: period in ticks of the drive's own system.
     """
 

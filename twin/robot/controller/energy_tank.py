@@ -69,24 +69,14 @@ class EnergyTank(Settings):
 
     size: float = setting("J", gt=0, examples=[0.15], help="energy that the touched body may receive")
     horizon: float = setting(
-        "ms",
-        default=100.0,
-        gt=0,
-        help="time that it must last in any case: longer than delays and the drives' lag",
+        "ms", default=100.0, gt=0, help="time for which the energy has to suffice; longer than delays and drives' lag"
     )
     touch: float = setting("N", default=0.3, gt=0, help="estimated force that counts as contact")
     release: float | None = optional(
-        "s",
-        gt=0,
-        example=0.5,
-        absent=math.inf,
-        help="time without contact after which it is refilled; without it never",
+        "s", gt=0, example=0.5, absent=math.inf, help="time without contact until it is refilled; without it, never"
     )
     bias: float = setting(
-        "N m",
-        default=4e-3,
-        ge=0,
-        help="bound for errors of a joint's estimated torque, charged along its travel during contact",
+        "N m", default=4e-3, ge=0, help="bound of a joint's torque error, charged along its travel in contact"
     )
 
 
@@ -247,12 +237,7 @@ def tank_step(m, t, h, u, y):
 
 
 class TankValve(NativeComponent):
-    """Sampled component of the energy tank: commanded motor speeds in, permitted speeds out.
-
-    Args:
-        tank: settings.
-        period: period in ticks.
-    """
+    """Sampled component of the energy tank: commanded motor speeds in, permitted speeds out; `period` in ticks."""
 
     def __init__(self, tank: Tank, period: int = 1):
         memory = memory_of(TANK_MEMORY, tank=tuple(tank), level=tank.size)

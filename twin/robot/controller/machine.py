@@ -58,10 +58,7 @@ def _smooth_area(x):
 
 @njit(cache=True)
 def line_speed(phase, length):
-    """Return the speed (m/s) of a phase on a line of `length` (m).
-
-    It is the requested speed, or less if the line is too short for both ramps.
-    """
+    """Return the speed (m/s) of a phase on a line of `length` (m), reduced if it is too short for both ramps."""
     ramps = phase.ramp_in + phase.ramp_out
     return phase.speed if 2.0 * length >= phase.speed * ramps else 2.0 * length / ramps
 
@@ -162,8 +159,6 @@ def enter_phase(m, phases, index, t, F_z, dp_z):
 
     It begins at `t` (s), at the pressing force `F_z` (N). If the force loop ends, its correction `dp_z` (m) is added to
     the reference, which then does not jump.
-
-    If the force loop ends, its correction `dp_z` (m) is added to the reference, which then does not jump.
     """
     before, phase = phases[m.index], phases[index]
     if before.force_on and not phase.force_on:

@@ -23,18 +23,16 @@ LOW_PASS_RECORD = record(corner="f8", h="f8", share="f8")
 class Processor(Settings):
     """The controller's general settings: the keys directly in [controller]."""
 
-    mode: Literal["force_position", "position"] = setting(help="force and position, or position alone")
-    period: float = setting("ms", gt=0, help="time between two commands")
-    delay_ticks: int = setting(default=0, ge=0, le=1000, help="computation delay")
-    bus_delay_ticks: int = setting(default=0, ge=0, le=1000, help="delay of the bus from the monitor to the drives")
-    speed_limit: float = setting("rad/s", gt=0, field="omega_max", help="largest motor speed it commands")
+    mode: Literal["force_position", "position"] = setting(help="control of force and position, or of position alone")
+    period: float = setting("ms", gt=0, help="period of estimator and controller")
+    delay_ticks: int = setting(default=0, ge=0, le=1000, help="computation delay of the command before the monitor")
+    bus_delay_ticks: int = setting(
+        default=0, ge=0, le=1000, help="delay of the bus from monitor to drives: of commanded speeds and power"
+    )
+    speed_limit: float = setting("rad/s", gt=0, field="omega_max", help="largest commanded motor speed")
     gravity_compensation: bool = setting(help="whether the estimated force excludes the robot's own weight")
     dead_zone: float = setting(
-        "deg",
-        default=0.0,
-        ge=0,
-        field="backlash",
-        help="believed half width of the backlash, which the estimator subtracts; 0: the paper's estimator",
+        "deg", default=0.0, ge=0, field="backlash", help="believed backlash (half width); the paper's estimator has 0"
     )
 
 
@@ -45,7 +43,6 @@ def state_variable(damping, g, fast, slow, x):
     Returned are the low-passed `x`, its derivative over 2 pi f, its second derivative over (2 pi f)^2, and the two new
     states. It uses the trapezoidal rule, so the derivatives belong exactly to the output (Zavalishin 2012, The Art of
     VA Filter Design, Ch. 4).
-
 
     Args:
         damping: 1/Q.
@@ -62,9 +59,11 @@ def state_variable(damping, g, fast, slow, x):
 class ScheduledGains(Settings):
     """[[controller.force.schedule]]: gains of the force loop on a tissue of one stiffness."""
 
-    stiffness: float = setting("N/m", gt=0, le=20_000, examples=[300.0], help="stiffness of the tissue")
-    kp: float = setting("mm/N", gt=0, le=1000, examples=[2.0], help="shift of the z reference per force error")
-    ki: float = setting("mm/(N s)", gt=0, le=10_000, examples=[40.0], help="integral gain")
+    stiffness: float = setting(
+        "N/m", gt=0, le=20_000, examples=[300.0], help="tissue stiffness; beyond the ends, gains are those of the end"
+    )
+    kp: float = setting("mm/N", gt=0, le=1000, examples=[2.0], help="proportional gain at this stiffness")
+    ki: float = setting("mm/(N s)", gt=0, le=10_000, examples=[40.0], help="integral gain at this stiffness")
 
 
 def schedule_error(points: Sequence[ScheduledGains]) -> str:
@@ -84,11 +83,11 @@ def schedule_error(points: Sequence[ScheduledGains]) -> str:
 class PositionLoop(Settings):
     """[controller.position]: PID from position error (m) to platform speed (m/s), the same on x, y and z."""
 
-    kp: float = setting("1/s", ge=0, le=1000, tunable=True, help="platform speed per position error")
+    kp: float = setting("1/s", ge=0, le=1000, tunable=True, help="proportional gain, platform speed per position error")
     ki: float = setting("1/s2", default=0.0, ge=0, help="integral gain")
     kd: float = setting(default=0.0, ge=0, help="derivative gain")
     derivative_filter: float = setting(
-        "Hz", field="derivative_corner", default=0.0, ge=0, help="low-pass of the derivative; 0: none"
+        "Hz", field="derivative_corner", default=0.0, ge=0, help="derivative's low-pass corner; 0: off"
     )
 
 
@@ -99,21 +98,21 @@ class ForceLoop(Settings):
         "N", gt=0, le=50, example=5.0, field="F_z_ref", absent=0.0, tunable=True, help="pressing force to hold"
     )
     trigger: float | None = optional(
-        "N", ge=0, example=0.6, field="trigger_force", absent=math.inf, help="pressing force that starts the force loop"
+        "N", ge=0, example=0.6, field="trigger_force", absent=math.inf, help="pressing force that starts the loop, once"
     )
     trigger_time: float | None = optional(
-        "s", ge=0, example=6.0, absent=math.inf, help="time at which the force loop starts at any force"
+        "s", ge=0, example=6.0, absent=math.inf, help="time at which the force loop starts, at any force"
     )
     kp: float = setting(
-        "mm/N", ge=0, le=1000, into="gains", tunable=True, help="shift of the z reference per force error"
+        "mm/N", ge=0, le=1000, into="gains", tunable=True, help="proportional gain, z reference shift per force error"
     )
     ki: float = setting("mm/(N s)", ge=0, le=10_000, into="gains", tunable=True, help="integral gain")
     kd: float = setting("mm s/N", default=0.0, ge=0, into="gains", help="derivative gain")
     derivative_filter: float = setting(
-        "Hz", default=0.0, ge=0, into="gains", field="derivative_corner", help="low-pass of the derivative; 0: none"
+        "Hz", default=0.0, ge=0, into="gains", field="derivative_corner", help="derivative's low-pass corner; 0: off"
     )
     limit: float = setting("mm", gt=0, field="dp_z_max", help="largest shift of the z reference")
-    filter: float = setting("Hz", ge=0, field="corner", help="low-pass of the estimated force; 0: none")
+    filter: float = setting("Hz", ge=0, field="corner", help="low-pass corner of the estimated force; 0: off")
     schedule: tuple[ScheduledGains, ...] = setting(
         default=(),
         examples=[[
@@ -123,14 +122,10 @@ class ForceLoop(Settings):
         help="gains over the stiffness that [controller.tissue] estimates, softest first; without it, these",
     )  # fmt: skip
     follow: float = setting(
-        into="schedule",
-        default=1.0,
-        ge=0,
-        le=1,
-        help="with a schedule: share of a change of the reference that is fed forward",
+        into="schedule", default=1.0, ge=0, le=1, help="with a schedule: fed-forward share of a reference change"
     )
     rate: float = setting(
-        "1/s", into="schedule", default=2.0, gt=0, le=100, help="with a schedule: largest relative change of the gains"
+        "1/s", into="schedule", default=2.0, gt=0, le=100, help="with a schedule: largest relative rate of its gains"
     )
 
     @model_validator(mode="after")
@@ -159,20 +154,13 @@ def loop_record(gains: Gains) -> tuple:
 
 @njit(cache=True)
 def low_pass_share(corner, h):
-    """Return the filter coefficient of a discrete first-order low-pass with `corner` (Hz) and period `h` (s).
-
-    It is the share of a new sample in the output.
-    """
+    """Return the share of a new sample in a first-order low-pass with `corner` (Hz) and period `h` (s)."""
     return 1.0 - math.exp(-2.0 * math.pi * corner * h) if corner > 0.0 else 1.0
 
 
 @njit(cache=True)
 def cached_share(cache, corner, h):
-    """Return the filter coefficient of a first-order low-pass, recomputed only for a changed corner or period.
-
-    Args:
-        cache: a record of `LOW_PASS_RECORD`, initially 0.
-    """
+    """Return a first-order low-pass's share, kept in a `LOW_PASS_RECORD` (0 at first) until corner or period change."""
     if cache.corner != corner or cache.h != h:
         cache.corner, cache.h, cache.share = corner, h, low_pass_share(corner, h)
     return cache.share

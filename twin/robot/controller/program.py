@@ -7,9 +7,9 @@ the present reference, so tasks of any order follow one another without a jump.
 import math
 from collections.abc import Iterable, Sequence
 from enum import IntEnum
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from twin.kernel.cosim.port import record_of
 from twin.kernel.settings import Settings, Triple, setting
@@ -59,7 +59,6 @@ class Phase(NamedTuple):
     The motion starts at the present reference, so a sequence of phases cannot jump.
 
     Attributes:
-        kind: kind of the phase.
         task: number of its task, from 1.
         target: end of the straight line (m); NaN keeps a coordinate.
         lift: if > 0, end height (m) above the height of a probe at the pre-defined force.
@@ -106,10 +105,10 @@ PHASE_RECORD = record_of(Phase)
 class Approach(Settings):
     """[approach]: motion of all tasks to and from the body."""
 
-    height: float = setting("mm", help="z at which the robot travels between tasks")
-    floor: float = setting("mm", help="z below which it never searches for contact")
-    speed: float = setting("mm/s", gt=0, help="speed of travelling")
-    descent: float = setting("mm/s", gt=0, help="speed of the descent until contact")
+    height: float = setting("mm", help="z at which the robot travels between tasks, above the surface")
+    floor: float = setting("mm", help="z at which a descent without contact ends")
+    speed: float = setting("mm/s", gt=0, help="speed of travel between tasks")
+    descent: float = setting("mm/s", gt=0, help="speed of the descent to the first contact")
     ramp: float = setting("ms", gt=0, help="time of a change of speed")
     release: float = setting("s", gt=0, help="time in which the force is released")
 
@@ -120,17 +119,20 @@ class Approach(Settings):
         return self
 
 
+TASK_KIND: Any = Field(description="kind of task")
+
+
 class TaskOnPoint(Settings):
     """Keys common to all tasks."""
 
-    point: Point = setting("mm", help="position (x, y)")
+    point: Point = setting("mm", help="position (x, y) in frame B")
     force: float = setting("N", gt=0, help="pressing force")
 
 
 class Press(TaskOnPoint):
     """[[task]] kind = "press": force on one point, which grows, is held, and is released."""
 
-    kind: Literal["press"]
+    kind: Literal["press"] = TASK_KIND
     build_up: float = setting("s", gt=0, help="rise time of the force")
     hold: float = setting("s", gt=0, help="time at full force")
 
@@ -138,7 +140,7 @@ class Press(TaskOnPoint):
 class Tap(TaskOnPoint):
     """[[task]] kind = "tap": repeated fast strokes down to the force and up again."""
 
-    kind: Literal["tap"]
+    kind: Literal["tap"] = TASK_KIND
     speed: float = setting("mm/s", gt=0, help="speed down and up")
     lift: float = setting("mm", gt=0, help="height above the surface between two taps")
     period: float = setting("s", gt=0, help="time from tap to tap")
@@ -148,19 +150,19 @@ class Tap(TaskOnPoint):
 class Roll(TaskOnPoint):
     """[[task]] kind = "roll": a small circle under a constant force."""
 
-    kind: Literal["roll"]
+    kind: Literal["roll"] = TASK_KIND
     build_up: float = setting("s", gt=0, help="rise time of the force")
     radius: float = setting("mm", gt=0, help="radius of the circle")
-    rate: float = setting("Hz", gt=0, help="turns per time")
+    rate: float = setting("Hz", gt=0, help="turns per second")
     turns: float = setting(ge=1, help="number of turns")
 
 
 class Push(TaskOnPoint):
     """[[task]] kind = "push": along a line under a constant force."""
 
-    kind: Literal["push"]
+    kind: Literal["push"] = TASK_KIND
     build_up: float = setting("s", gt=0, help="rise time of the force")
-    to: Point = setting("mm", help="end of the line (x, y)")
+    to: Point = setting("mm", help="end of the line (x, y) in frame B")
     speed: float = setting("mm/s", gt=0, help="speed along the line")
 
     @model_validator(mode="after")
@@ -179,9 +181,7 @@ def program(approach: Approach, contact_force: float, tasks: Sequence[Task]) -> 
     """Convert massage tasks to a table of phases, in order; the last phase stays above the last point for ever.
 
     Args:
-        approach: motion between tasks.
         contact_force: pressing force that counts as contact (N).
-        tasks: tasks in order.
     """
     phases: list[Phase] = []
     for number, task in enumerate(tasks, start=1):

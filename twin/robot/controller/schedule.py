@@ -71,11 +71,7 @@ def gains_at(points, segment, k):
 
 @njit(cache=True, error_model="numpy")
 def schedule_gains(m, table, tissue, pid, h):
-    """Set the gains of the force loop for the estimated tissue stiffness, without a jump of its output.
-
-    Args:
-        table: address of the points.
-    """
+    """Set the force loop's gains for the estimated stiffness without a jump; `table`: address of the points."""
     if not tissue.pressing:
         m.share, pid.kp, pid.ki = 0.0, m.kp, m.ki
         return

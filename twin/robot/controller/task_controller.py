@@ -87,17 +87,10 @@ class Touch(Settings):
         "N", gt=0, field="contact_force", exported=False, help="pressing force that counts as contact"
     )
     patience: float = setting("ms", gt=0, help="maximum time without contact while pressing")
-    turn: float = setting(
-        "ms", ge=0, le=100, field="t_turn", help="time from the reversal of the first tap to its lowest point"
-    )
-    learning: float = setting(ge=0, le=1, help="share of a tap's depth error that the next one corrects")
+    turn: float = setting("ms", ge=0, le=100, field="t_turn", help="initial time before its depth at which a tap turns")
+    learning: float = setting(ge=0, le=1, help="share of a tap's depth error that the next tap corrects")
     force_learning: float = setting(
-        into="taps",
-        field="share",
-        default=0.0,
-        ge=0,
-        le=1,
-        help="share of a tap's force error that the next one corrects; needs [controller.tissue]",
+        into="taps", field="share", default=0.0, ge=0, le=1, help="share of a force error that the next tap corrects"
     )
 
 

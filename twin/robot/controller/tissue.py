@@ -53,15 +53,11 @@ class Tissue(Settings):
     """[controller.tissue]: estimation of the tissue's stiffness while pressing."""
 
     frequency: float = setting(
-        "Hz", default=5.0, ge=0.5, help="middle of the evaluated band, and frequency of the dither"
+        "Hz", default=5.0, ge=0.5, help="dither frequency and band centre; at most 1/20 of the controller's rate"
     )
     window: float = setting("s", default=0.5, gt=0, le=100, help="time constant of forgetting")
     dither: float = setting(
-        "N",
-        default=0.15,
-        ge=0,
-        le=2,
-        help="force amplitude of the dither, in the absence of other motion; 0: none",
+        "N", default=0.15, ge=0, le=2, help="force amplitude of the dither while the tissue is unknown; 0: no dither"
     )
     tolerance: float = setting(
         default=0.3, gt=0, le=1, help="maximum standard error over stiffness of a trusted estimate"
@@ -269,10 +265,7 @@ def _update_means(recent, share, z_f, v_f, F_f):
 
 @njit(cache=True)
 def _is_consistent(m):
-    """Whether the measured force agrees with the tissue estimate within its uncertainty.
-
-    The residual is F_f + k z_f + c v_f.
-    """
+    """Whether the residual F_f + k z_f + c v_f of the tissue estimate is within its uncertainty."""
     recent, k, c = m.recent, m.k, m.c * m.omega
     crossed = k * recent.zF + c * recent.vF + k * c * recent.zv
     left = recent.FF + 2.0 * crossed + k * k * recent.zz + c * c * recent.vv
@@ -353,7 +346,6 @@ def update_tissue(m, h, z, F, J, pressing):
 
 @njit(cache=True, error_model="numpy")
 def _update_error(m, h, F):
-    """Update the standard error of the estimated tissue stiffness."""
     if not m.known:
         m.std = m.std_late = MAX_STIFFNESS
         return

@@ -106,7 +106,6 @@ def drive_roles(command: Command, rotor: bool = False) -> tuple[Role, ...]:
     """Return every quantity that a drive exchanges with the robot, inputs first, for a kind of command.
 
     Args:
-        command: kind of command.
         rotor: whether twin simulates the shaft: the FMU then outputs a torque, and may have inputs for the shaft's
             motion.
     """

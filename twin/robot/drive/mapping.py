@@ -65,8 +65,6 @@ def candidates(variables: Mapping[str, Variable], role: Role, taken: Collection[
 
     Already taken variables are skipped. Local variables are used if no output fits; variables with a unit are
     preferred.
-
-    Local variables are used if no output fits; variables with a unit are preferred.
     """
     causalities = (role.causality, "local") if role.causality == "output" else (role.causality,)
     offered = [
@@ -80,10 +78,7 @@ def candidates(variables: Mapping[str, Variable], role: Role, taken: Collection[
 
 
 def likely_command(variables: Mapping[str, Variable], taken: Collection[str]) -> Command:
-    """Return the probable kind of a drive's command (speed, torque ..) from its free inputs.
-
-    Units count most, then names.
-    """
+    """Return the probable kind of a drive's command from its free inputs, by units first, then by names."""
     free = {command: candidates(variables, role, taken) for command, role in COMMAND_ROLES.items()}
     stated = [command for command, names in free.items() if any(variables[n].unit for n in names)]
     called = [
@@ -138,7 +133,6 @@ def ambiguity_message(
     Args:
         file: name of the drive in the message.
         variables: its variables, by the user's names.
-        roles: roles of its contract.
         chosen: variable by resolved role.
         unsure: unresolved roles.
         rotor: whether twin simulates the shaft.
@@ -245,9 +239,6 @@ def with_units(
     """Add the units stated in mappings to FMU variables without a unit; return variables, and mappings without units.
 
     A complete variable name such as `x[2]` is not split. A mapping has a name, or several, by role.
-
-    Raises:
-        InputRefused: a unit is unknown, or the FMU declares another one.
     """
     known = dict(variables)
 
@@ -297,7 +288,6 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
     Args:
         file: name of the drive in error messages.
         variables: the FMU's variables, by the user's names.
-        wiring: the user's mapping.
 
     Raises:
         InputRefused: unknown role or variable, wrong causality or unit, or a required role with no or several
@@ -326,12 +316,8 @@ def fill_roles(
     Args:
         file: name of the FMU in error messages.
         variables: the FMU's variables, by the user's names.
-        wiring: the user's mapping.
         roles: inputs or outputs of a part of the robot.
         table: table of the experiment with the mapping.
-
-    Raises:
-        InputRefused: see `bindings`.
     """
     _refuse_unknown_roles(file, wiring, roles, table)
     chosen, turned, _ = choose_variables(file, variables, wiring, roles)
@@ -359,11 +345,7 @@ def _bind_roles(
 
 
 def choose_variables(file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role]) -> RoleChoice:
-    """Choose an FMU variable for each role: the user's, else the only one that fits.
-
-    Raises:
-        InputRefused: unknown variable, wrong causality or unit, or one variable for two roles.
-    """
+    """Choose an FMU variable for each role: the user's, else the only one that fits."""
     chosen: dict[str, str] = {}
     turned: set[str] = set()
     for role in roles:

@@ -16,7 +16,6 @@ def options(values: Mapping[str, Any], origins: Mapping[str, str]) -> list[str]:
     """Return the command-line options that set recorded values: `--drive`, `pmsm_foc.fmu`, `--set`, `seed=3`.
 
     Args:
-        values: recorded values of the experiment.
         origins: origin of each value, by dotted key.
     """
     words: list[str] = []
@@ -65,7 +64,6 @@ def run_command(words: Iterable[str]) -> str:
 
 
 def _toml(value: object) -> str:
-    """Format a value as TOML for the option --set."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from twin.kernel.settings import Settings
-from twin.robot.experiment import schema
 from twin.robot.experiment.fault import FAULT_KINDS, FaultTable
 from twin.robot.experiment.recorded import Metadata, recorded_fmus, recorded_values
-from twin.robot.experiment.schema import DeclaredTables, nested_tables
+from twin.robot.experiment.schema import DeclaredTables, Drive, nested_tables
 from twin.robot.experiment.source import read_source
 from twin.robot.experiment.template import ROBOT_FILE
 from twin.robot.paths import PROJECT_FOLDER
@@ -39,12 +38,7 @@ def flatten(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
 @cache
 def _names_by_key(declared: DeclaredTables) -> dict[str, str]:
     """Return the name without unit of each key of an experiment file, such as kp for kp_mm_per_N."""
-    tables: dict[str, type[Settings]] = {
-        **declared.tables,
-        "drive": schema.Drive,
-        "fault": FaultTable,
-        **declared.tasks,
-    }
+    tables: dict[str, type[Settings]] = {**declared.tables, "drive": Drive, "fault": FaultTable, **declared.tasks}
     models = [model for name, table in tables.items() for model in nested_tables(table, name).values()]
     fields = {field.alias: name for model in models for name, field in model.model_fields.items() if field.alias}
     magnitudes = {kind.magnitude_key: "magnitude" for kind in FAULT_KINDS.values() if kind.magnitude_key}
@@ -75,11 +69,7 @@ def toml_text(value: Any) -> str:
 
 
 def recorded_comparable_values(declared: DeclaredTables, metadata: Metadata, where: Path) -> dict[str, str]:
-    """Return a recorded experiment's values as text by key, for comparison, with the SHA-256 of every FMU.
-
-    Raises:
-        InputRefused: see `recorded_values` and `recorded_fmus`.
-    """
+    """Return a recorded experiment's values as text by key, for comparison, with the SHA-256 of every FMU."""
     fmus = recorded_fmus(metadata, where)
     return comparable_values(
         recorded_values(declared, metadata, where), {fmu["file"]: fmu["sha256"] for fmu in fmus.values()}
@@ -87,10 +77,7 @@ def recorded_comparable_values(declared: DeclaredTables, metadata: Metadata, whe
 
 
 def comparable_values(values: Mapping[str, Any], hashes: Mapping[str, str]) -> dict[str, str]:
-    """Return an experiment's values as text by key, for comparison, with the SHA-256 of its files.
-
-    The title is left out.
-    """
+    """Return an experiment's values except the title as text by key, with the SHA-256 of its files."""
     stated = {key: toml_text(value) for key, value in flatten(values) if key != "title"}
     return stated | {f"sha256 of {file}": sha256[:HASH_LENGTH] for file, sha256 in hashes.items()}
 
@@ -125,7 +112,6 @@ def robot_values(values: Mapping[str, Any], origins: Mapping[str, str]) -> dict[
     that file or `twin init` copied it. All others are own.
 
     Args:
-        values: values of the experiment, keys with units.
         origins: origin of each value, by dotted key; an assumption begins with "assumed".
     """
     shipped = read_source(PROJECT_FOLDER / "experiments" / ROBOT_FILE)

@@ -30,9 +30,6 @@ def joint_tables(drive: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
     Args:
         drive: [drive] of the experiment, with its joint tables.
         folder: folder of the experiment, where names are looked up.
-
-    Raises:
-        InputRefused: the drive is missing, or its mapping is not TOML.
     """
     common = {key: value for key, value in drive.items() if key not in JOINT_TABLES}
     tables = []
@@ -49,9 +46,6 @@ def load_drive(fmu: str, folder: Path) -> schema.Drive:
 
     Args:
         fmu: path relative to the current folder, or a name in fmus/, searched from `folder` upwards.
-
-    Raises:
-        InputRefused: the drive is missing, or its mapping has errors.
     """
     table = joint_tables({"fmu": locate_drive(fmu, folder)}, folder)[0]
     try:
@@ -66,10 +60,7 @@ def drive_names(shelf: Path) -> list[str]:
 
 
 def locate_drive(fmu: str, folder: Path) -> str:
-    """Return the absolute path of a drive: a path relative to the current folder, or a name in fmus/.
-
-    The folder fmus/ is searched from `folder` upwards.
-    """
+    """Return a drive's absolute path: from the current folder, or a name in fmus/ in `folder` or above."""
     path = Path(fmu)
     # not Path.exists, which raises for a too long name
     if not os.path.exists(path):

@@ -59,9 +59,9 @@ EXACT_COUNTS = 2**40
 class TopLevelKeys(Settings):
     """The keys of an experiment outside any table."""
 
-    title: str = setting(min_length=1, help="for people")
-    duration: float = setting("s", gt=0, help="simulated time")
-    seed: int = setting(default=0, ge=0, lt=2**63, help="seed of the encoders' noise")
+    title: str = setting(min_length=1, help="title for reports and pictures")
+    duration: float = setting("s", gt=0, help="simulated time; a whole number of ticks")
+    seed: int = setting(default=0, ge=0, lt=2**63, help="seed of the encoders' noise; same seed, same bytes")
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,6 @@ class Experiment:
 
     Attributes:
         name: stem of the file name.
-        title: displayed title.
         seed: seed of the encoders' noise.
         duration_ticks, controller_ticks, scale_ticks, monitor_ticks: durations and periods in ticks.
         reference: waypoints, also of a shape; None if `tasks` lead the robot, with motions by `approach`.
@@ -82,7 +81,6 @@ class Experiment:
         changes: scheduled parameter changes, in ticks.
         measures: measures of `twin check`.
         drives: one per joint, complete, FMUs as absolute paths.
-        recording: recording settings.
         values: merged and checked file, keys with units.
         origins: origin of each value.
         stand_ins: third-party parts by table name; only their retained keys stay in [controller], [monitor] and
@@ -153,10 +151,8 @@ def checked_tables(declared: DeclaredTables, source: Source, folder: Path, mista
     """Check the tables of an experiment's file and complete its values in place.
 
     Args:
-        declared: tables that an experiment may have.
         source: merged values of all files.
         folder: folder for looking up bodies and drives.
-        mistakes: list that receives an error message for each error.
     """
     _fill_from_robot(declared, source.values)
     values = source.values
@@ -180,13 +176,7 @@ def checked_tables(declared: DeclaredTables, source: Source, folder: Path, mista
 
 
 def experiment_of(name: str, tables: Tables, reference: WayPoints | None, source: Source) -> Experiment:
-    """Build the experiment from its complete tables and waypoints.
-
-    Args:
-        name: experiment name.
-        reference: its [reference] as waypoints.
-        source: source of the tables.
-    """
+    """Build the experiment from its complete tables and waypoints."""
     found, ticks, (one, two, three) = tables.by_name, tables.ticks, tables.drives
     head, monitor = found["head"], found.get("monitor")
     return Experiment(
@@ -245,10 +235,7 @@ def _with_numbered_values(known: dict[str, Any], own: dict[str, Any], table: str
 def _check_tables(
     declared: DeclaredTables, values: dict[str, Any], folder: Path, mistakes: list[str]
 ) -> tuple[dict[str, Any], dict[str, StandIn]]:
-    """Check all tables of an experiment; return the valid tables and the third-party parts.
-
-    Error messages about the others are appended to `mistakes`.
-    """
+    """Check all tables of an experiment; return valid ones and third-party parts, append errors to `mistakes`."""
     right: dict[str, Any] = {}
     stand_ins: dict[str, StandIn] = {}
     known = declared.tables
@@ -344,9 +331,6 @@ def with_cosim(experiment: Experiment, **values: Any) -> Experiment:
 
     Args:
         experiment: experiment without faults, whose onsets are counted in ticks, too.
-
-    Raises:
-        InputRefused: a duration, a period, a delay or the time of a change is not a whole number of new ticks.
     """
     cosim = experiment.cosim.model_copy(update=values)
 

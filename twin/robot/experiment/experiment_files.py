@@ -79,9 +79,6 @@ def fill_from_body(source: Source, folder: Path) -> None:
 
     Args:
         folder: folder of the experiment, for looking up bodies like `extends` and fmus/.
-
-    Raises:
-        InputRefused: the body is missing, or its file is not a [contact] table.
     """
     contact = source.values.get("contact")
     if not isinstance(contact, dict) or "body" not in contact:

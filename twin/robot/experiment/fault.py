@@ -41,11 +41,11 @@ TARGET_GROUPS: dict[str, tuple[str, ...]] = {
     "power": ("drives",),
 }
 """Groups of targets with a common cause: one bus or driver board, one supply, one batch or one repair."""
-_SAME_ENCODER = "force and pose are estimated from the same encoder"
-_BELIEVED_SPRING = "force is the deflection times the believed k_s; a wrong spring looks like a right one"
-_NO_TRUE_FORCE = "no sensor measures the force itself, so the estimate has nothing to disagree with"
-_DOES_NOT_FOLLOW = "the motor's counts do not follow the command"
-_DEFLECTION_JUMP = "the deflection jumps faster than shaft and link can move"
+_SAME_ENCODER = "the same encoder gives force and pose"
+_BELIEVED_SPRING = "the estimated force is the deflection times the believed k_s, so a wrong k_s has no symptom"
+_NO_TRUE_FORCE = "no sensor measures the force itself, so the estimate cannot be compared"
+_DOES_NOT_FOLLOW = "the motor encoder does not follow the command"
+_DEFLECTION_JUMP = "the deflection changes faster than shaft and link can move"
 NO_END_TICK = 1 << 62
 """End tick of a permanent fault."""
 
@@ -130,140 +130,139 @@ class FaultKind:
 
 _ENCODER_KINDS = {
     "encoder_bias": FaultKind(
-        "counts", _ENCODER_TARGETS, "the count is off by a constant angle", DetectionThreshold(2.0, 2.0),
+        "counts", _ENCODER_TARGETS, "a constant angle is added to the count", DetectionThreshold(2.0, 2.0),
         f"{_DEFLECTION_JUMP} at the onset; afterwards {_SAME_ENCODER}",
         "deg", (0.1, 0.5, 2.0),
     ),
     "encoder_drift": FaultKind(
-        "counts", _ENCODER_TARGETS, "the count runs away from the angle at a constant speed", DetectionThreshold(2.0,
-        2.0),
-        f"{_SAME_ENCODER}, and the force loop corrects the believed force; motors that lose speed under load show the "
-        "force, behind others only the limits of deflection, depth or workspace end it",
+        "counts", _ENCODER_TARGETS, "an angle that grows at a constant speed is added to the count",
+        DetectionThreshold(2.0, 2.0),
+        f"{_SAME_ENCODER}, and the force loop corrects the estimated force; motors whose speed droops under load "
+        "reveal the force, with others only the limits of deflection, depth or workspace end the drift",
         "deg_per_s", (0.1, 0.5, 2.0), excess_from=2.0,
     ),
     "encoder_quantisation": FaultKind(
-        "counts", _ENCODER_TARGETS, "steps of the count are coarser", DetectionThreshold(2.0, 2.0),
-        f"{_DEFLECTION_JUMP} from step to step; fine steps look like a healthy encoder of less resolution",
+        "counts", _ENCODER_TARGETS, "the count has coarser steps", DetectionThreshold(2.0, 2.0),
+        f"{_DEFLECTION_JUMP} at a step; fine steps look like a healthy encoder of lower resolution",
         "deg", (0.2, 0.5, 2.0), POSITIVE_BOUNDS,
     ),
     "encoder_dropout_hold": FaultKind(
-        "counts", _ENCODER_TARGETS, "samples are lost at random, the last good count is repeated",
+        "counts", _ENCODER_TARGETS, "random samples are lost and repeat the last good count",
         DetectionThreshold(1.0, 1.0),
-        "a count stands still although the command moves the shaft; single lost samples look like a slow shaft",
+        "a count is constant although the command moves the shaft; single lost samples look like a slow shaft",
         "share", (0.02, 0.2, 1.0), SHARE_BOUNDS,
     ),
     "encoder_dropout_zero": FaultKind(
-        "counts", _ENCODER_TARGETS, "samples are lost at random and read 0", ALWAYS_DETECTED,
+        "counts", _ENCODER_TARGETS, "random samples are lost and read 0", ALWAYS_DETECTED,
         f"{_DEFLECTION_JUMP}, unless the shaft is near 0",
         "share", (0.001, 0.02, 1.0), SHARE_BOUNDS,
     ),
     "encoder_dropout_nan": FaultKind(
-        "counts", _ENCODER_TARGETS, "samples are lost at random and read NaN", ALWAYS_DETECTED,
+        "counts", _ENCODER_TARGETS, "random samples are lost and read NaN", ALWAYS_DETECTED,
         "a count is NaN",
         "share", (0.001, 0.02, 1.0), SHARE_BOUNDS,
     ),
     "encoder_stuck": FaultKind(
-        "counts", _ENCODER_TARGETS, "the count stays where it is", ALWAYS_DETECTED,
-        "the count stands still although the command moves the shaft; at rest there is nothing to see",
+        "counts", _ENCODER_TARGETS, "the count is frozen", ALWAYS_DETECTED,
+        "the count is constant although the command moves the shaft; no symptom at rest",
     ),
     "encoder_glitch": FaultKind(
-        "counts", _ENCODER_TARGETS, "a share of the samples, single ones at random, is off by an angle",
+        "counts", _ENCODER_TARGETS, "an angle is added to random single samples, a share of all",
         DetectionThreshold(5.0, 5.0), _DEFLECTION_JUMP,
         "deg", (0.5, 5.0, 90.0), has_share=True,
     ),
     "encoder_flip": FaultKind(
-        "counts", _ENCODER_TARGETS, "the count has the other sign", ALWAYS_DETECTED,
+        "counts", _ENCODER_TARGETS, "the sign of the count is inverted", ALWAYS_DETECTED,
         f"{_DEFLECTION_JUMP}, unless the shaft is near 0",
     ),
     "encoder_swap": FaultKind(
-        "counts", _ENCODER_TARGETS, "the channel and the next one (1-2, 2-3, 3-1) are exchanged", NEVER_DETECTED,
-        f"in a symmetric pose nothing jumps, and the matrix may well hit one;"
-        f" where the two angles differ, {_DEFLECTION_JUMP}",
+        "counts", _ENCODER_TARGETS, "the channel is swapped with the next one (1-2, 2-3, 3-1)", NEVER_DETECTED,
+        f"no symptom in a symmetric pose, which the matrix may hit; where the two angles differ, {_DEFLECTION_JUMP}",
     ),
 }  # fmt: skip
 
 _MESSAGE_KINDS = {
     "sample_delay": FaultKind(
-        "message", ("encoder",), "both encoders' messages arrive late", DetectionThreshold(10.0, 10.0),
-        "the counter stands still for the delay at the onset; later it runs evenly and only a common clock could tell",
+        "message", ("encoder",), "the messages of both encoders arrive late", DetectionThreshold(10.0, 10.0),
+        "the message counter stops for the delay at the onset; afterwards only a common clock would show the delay",
         "ms", (2.0, 10.0, 50.0), POSITIVE_BOUNDS,
     ),
     "sample_jitter": FaultKind(
-        "message", ("encoder",), "messages arrive after a random time up to the magnitude", DetectionThreshold(10.0,
-        10.0),
-        "the counter stands still and then jumps",
+        "message", ("encoder",), "messages arrive after a random delay up to the magnitude",
+        DetectionThreshold(10.0, 10.0),
+        "the message counter stops and then jumps",
         "ms", (2.0, 10.0, 50.0), POSITIVE_BOUNDS,
     ),
     "sample_loss": FaultKind(
-        "message", ("encoder",), "messages are lost at random; the reader keeps the last one", DetectionThreshold(0.2,
-        0.2),
-        "the counter stands still",
+        "message", ("encoder",), "random messages are lost; the reader keeps the last one",
+        DetectionThreshold(0.2, 0.2),
+        "the message counter stops",
         "share", (0.02, 0.2, 1.0), SHARE_BOUNDS,
     ),
     "controller_overrun": FaultKind(
         "message", ("controller",), "commands leave the controller late", NEVER_DETECTED,
-        "a late command carries no counter, so only its effect on the motion is visible",
+        "commands carry no counter, so only the effect on the motion is visible",
         "ms", (2.0, 10.0, 50.0), POSITIVE_BOUNDS,
     ),
     "command_held": FaultKind(
-        "message", ("controller", "bus"), "commands are lost at random; the receiver keeps the last one",
+        "message", ("controller", "bus"), "random commands are lost; the receiver keeps the last one",
         DetectionThreshold(1.0, None),
-        "from the controller it is a command like any other, until it has led to a limit of force; on the bus the "
-        "motors keep the speed that they had, and are off their command as soon as that is another one",
+        "from the controller, a repeated command looks like any other until the force reaches a limit; on the bus, "
+        "the motors keep their speed and deviate from the command as soon as it changes",
         "share", (0.2, 0.8, 1.0), SHARE_BOUNDS,
     ),
     "command_lost": FaultKind(
-        "message", ("controller", "bus"), "commands are lost at random; the receiver reads zero speed",
+        "message", ("controller", "bus"), "random commands are lost; the receiver reads zero speed",
         NEVER_DETECTED,
-        "the robot stands still, or moves more slowly than asked",
+        "the robot is at rest, or slower than commanded",
         "share", (0.2, 0.8, 1.0), SHARE_BOUNDS,
     ),
 }  # fmt: skip
 
 _PARAMETER_KINDS = {
     "spring_softened": FaultKind(
-        "parameter", _JOINT_TARGETS, "the spring of the joint has this factor of its stiffness", NEVER_DETECTED,
+        "parameter", _JOINT_TARGETS, "the stiffness of the joint's spring is multiplied by this factor", NEVER_DETECTED,
         _BELIEVED_SPRING,
         "factor", (0.9, 0.7, 0.4), POSITIVE_BOUNDS,
     ),
     "spring_broken": FaultKind(
-        "parameter", _JOINT_TARGETS, "the spring of the joint carries nothing", ALWAYS_DETECTED,
-        "in free air the link runs away from the motor at once and the deflection leaves the range of the force limit; "
-        "in contact friction may hold the platform for seconds while the true force grows",
+        "parameter", _JOINT_TARGETS, "the spring of the joint transmits no torque", ALWAYS_DETECTED,
+        "in free air the link leaves the motor at once, and the deflection exceeds the force limit; in contact, "
+        "friction may hold the platform for seconds while the true force grows",
     ),
     "stiffness_change": FaultKind(
-        "parameter", ("contact",), "the surface has this factor of its stiffness", NEVER_DETECTED,
-        "where the robot presses, the force is there in the same tick, before the springs have deflected by it; it is "
-        "seen when the worst is over. A body that takes 20 ms to stiffen trips the force rate in time",
+        "parameter", ("contact",), "the stiffness of the surface is multiplied by this factor", NEVER_DETECTED,
+        "while pressing, the force acts in the same tick, before the springs deflect, so the monitor trips after the "
+        "peak. A body that takes 20 ms to stiffen trips the force rate in time",
         "factor", (1.5, 3.0, 10.0), POSITIVE_BOUNDS, excess_from=3.0,
     ),
     "backlash_growth": FaultKind(
         "parameter", _JOINT_TARGETS, "the half width of the dead zone grows by this angle of the motor shaft",
         NEVER_DETECTED,
-        "the estimator takes the way through the dead zone for deflection",
+        "the estimator counts the travel in the dead zone as deflection",
         "deg", (0.1, 0.5, 2.0), {"ge": 0.0},
     ),
     "joint_friction": FaultKind(
         "parameter", _JOINT_TARGETS, "viscous friction is added to the joint", NEVER_DETECTED,
-        "it acts between spring and platform: the spring's torque is right, the force at rest too",
+        "it acts between spring and platform, so the spring's torque and the force at rest stay right",
         # the plant's explicit integration is stable up to 0.81 at the rim of the workspace, tick 1 ms, one substep
         "Nm_s_per_rad", (0.01, 0.05, 0.5), {"ge": 0.0, "le": 0.8},
     ),
     "belt_slip": FaultKind(
-        "parameter", _JOINT_TARGETS, "the belt slips by this angle of the motor shaft and stays there",
+        "parameter", _JOINT_TARGETS, "the belt slips by this angle of the motor shaft, permanently",
         DetectionThreshold(-10.0, -30.0),
-        f"in free air the platform is thrown, which looks like a force; in contact the body holds it; afterwards "
-        f"{_SAME_ENCODER}",
+        f"in free air the platform is accelerated, which looks like a force; in contact the body holds it; "
+        f"afterwards {_SAME_ENCODER}",
         # a negative slip deflects the spring: the platform presses harder
         "deg", (-2.0, -10.0, -30.0), excess_from=-30.0,
     ),
     "belief_k_s": FaultKind(
-        "parameter", ("estimator",), "the believed spring stiffness is wrong by this factor", NEVER_DETECTED,
+        "parameter", ("estimator",), "the believed spring stiffness is multiplied by this factor", NEVER_DETECTED,
         _NO_TRUE_FORCE,
         "factor", (1.05, 1.2, 1.5), POSITIVE_BOUNDS,
     ),
     "belief_eta": FaultKind(
-        "parameter", ("estimator",), "the believed belt efficiency is wrong by this factor", NEVER_DETECTED,
+        "parameter", ("estimator",), "the believed belt efficiency is multiplied by this factor", NEVER_DETECTED,
         _NO_TRUE_FORCE,
         "factor", (0.95, 0.85, 0.7), POSITIVE_BOUNDS,
     ),
@@ -271,59 +270,59 @@ _PARAMETER_KINDS = {
 
 _DRIVE_KINDS = {
     "drive_runaway": FaultKind(
-        "drive", _DRIVE_TARGETS, "the shaft turns at this speed whatever is commanded, until the power goes",
+        "drive", _DRIVE_TARGETS, "the shaft turns at this speed regardless of the command, until the power is cut",
         ALWAYS_DETECTED,
-        f"{_DOES_NOT_FOLLOW}; only taking the power away helps",
+        f"{_DOES_NOT_FOLLOW}; only cutting the power stops it",
         "rad_per_s", (0.5, 2.0, 8.0),
     ),
     "drive_freewheel": FaultKind(
         "drive", _DRIVE_TARGETS, "the drive has no torque: the spring turns its rotor", ALWAYS_DETECTED,
-        f"{_DOES_NOT_FOLLOW}, and the deflection is lost",
+        f"{_DOES_NOT_FOLLOW}, and the deflection vanishes",
     ),
     "drive_dead": FaultKind(
-        "drive", _DRIVE_TARGETS, "the brake has fallen in: the shaft stays where it is", ALWAYS_DETECTED,
-        f"{_DOES_NOT_FOLLOW}; at rest there is nothing to see",
+        "drive", _DRIVE_TARGETS, "the brake closes: the shaft does not turn", ALWAYS_DETECTED,
+        f"{_DOES_NOT_FOLLOW}; no symptom at rest",
     ),
     "joint_jam": FaultKind(
-        "drive", _DRIVE_TARGETS, "something is caught in the gear: the shaft turns no further down, only back up",
+        "drive", _DRIVE_TARGETS, "an object blocks the gear: the shaft turns upwards only",
         DetectionThreshold(ANY_MAGNITUDE, None),
-        f"{_DOES_NOT_FOLLOW}, as soon as it leads further down; a retraction still works",
+        f"{_DOES_NOT_FOLLOW} as soon as it leads downwards; a retraction still works",
     ),
     "drive_failure": FaultKind(
-        "drive", _DRIVE_TARGETS, "the drive's step fails and ends the run", ALWAYS_DETECTED,
-        "the run ends and names the fault",
+        "drive", _DRIVE_TARGETS, "the step of the drive fails and ends the run", ALWAYS_DETECTED,
+        "the run ends with an error message that names the fault",
     ),
     "drive_saturation": FaultKind(
-        "command", _DRIVE_TARGETS, "the drive runs no faster than this", DetectionThreshold(0.3, 0.3),
-        f"{_DOES_NOT_FOLLOW} while it asks for more; below that nothing is wrong",
+        "command", _DRIVE_TARGETS, "the speed of the drive is limited to this", DetectionThreshold(0.3, 0.3),
+        f"{_DOES_NOT_FOLLOW} above the limit; no symptom below",
         "rad_per_s", (2.0, 0.3, 0.05), {"ge": 0.0},
     ),
     "brown_out": FaultKind(
-        "command", ("drives",), "the supply sags: this share of the drives' highest speed is left",
-        DetectionThreshold(0.05, 0.05), f"{_DOES_NOT_FOLLOW} while it asks for more; below that nothing is wrong",
+        "command", ("drives",), "the supply sags: the speed of all drives is limited to this share of their maximum",
+        DetectionThreshold(0.05, 0.05), f"{_DOES_NOT_FOLLOW} above the limit; no symptom below",
         "share", (0.5, 0.05, 0.01), SHARE_BOUNDS,
     ),
     "power_off": FaultKind(
-        "command", ("power",), "the supply of all drives fails; [drive.unpowered] has their behaviour without power",
-        ALWAYS_DETECTED, f"{_DOES_NOT_FOLLOW}; at rest there is nothing to see",
+        "command", ("power",), "the supply of all drives fails; [drive.unpowered] describes drives without power",
+        ALWAYS_DETECTED, f"{_DOES_NOT_FOLLOW}; no symptom at rest",
     ),
 }  # fmt: skip
 
 _BODY_KINDS = {
     "surface_jump": FaultKind(
-        "body", ("contact",), "the surface jumps up by this much", DetectionThreshold(10.0, 5.0),
+        "body", ("contact",), "the surface jumps up by this distance", DetectionThreshold(10.0, 5.0),
         "force and force rate jump",
         "mm", (2.0, 5.0, 10.0), excess_from=10.0,
     ),
     "contact_loss": FaultKind(
-        "body", ("contact",), "the surface drops away by this much", NEVER_DETECTED,
-        "the springs throw the platform after it, beyond the limit of speed only after a firm press; the task "
-        "gives up by itself",
+        "body", ("contact",), "the surface drops by this distance", NEVER_DETECTED,
+        "the springs accelerate the platform after the surface, above the speed limit only after a firm press; the "
+        "task ends by itself",
         "mm", (1.0, 5.0, 20.0), POSITIVE_BOUNDS,
     ),
     "breathing": FaultKind(
         "body", ("contact",), "the surface rises and falls with this amplitude at 0.25 Hz", NEVER_DETECTED,
-        "a healthy body does the same; the force loop follows it",
+        "a healthy body moves likewise, and the force loop follows it",
         "mm", (0.5, 2.0, 5.0), POSITIVE_BOUNDS,
     ),
 }  # fmt: skip
@@ -338,22 +337,14 @@ FAULT_KINDS: dict[str, FaultKind] = {
 
 
 def find_kind(number: int, name: str) -> FaultKind:
-    """Look up a kind of fault by name in the catalogue; `number` is the fault's number for the error message.
-
-    Raises:
-        InputRefused: the kind is unknown.
-    """
+    """Look up a kind of fault by name in the catalogue; `number` is the fault's number for the error message."""
     if name not in FAULT_KINDS:
         raise InputRefused(f'[[fault]] {number} kind = "{name}": {expected_names(name, tuple(FAULT_KINDS))}')
     return FAULT_KINDS[name]
 
 
 def refuse_target(number: int, kind: str, target: str) -> None:
-    """Refuse a fault's target that is neither a target nor a target group of its kind.
-
-    Raises:
-        InputRefused: the target is invalid.
-    """
+    """Refuse a fault's target that is neither a target nor a target group of its kind."""
     targets = FAULT_KINDS[kind].targets + FAULT_KINDS[kind].groups
     if target not in targets:
         raise InputRefused(f'[[fault]] {number} target = "{target}" of {kind}: {expected_names(target, targets)}')
@@ -400,11 +391,11 @@ class Fault:
 class FaultTable(Settings):
     """Keys common to all kinds; without `duration_s` a fault is permanent, without `target` it hits the first one."""
 
-    kind: str
-    target: str | None = setting(default=None, help="target; without it the kind's first")
-    onset: float = setting("s", ge=0, help="time at which it begins")
-    duration: float | None = optional("s", gt=0, example=2.0, help="duration; without it to the end")
-    seed: int = setting(default=0, ge=0, lt=2**63, help="seed of its random numbers")
+    kind: str = setting(help="kind of fault")
+    target: str | None = setting(default=None, help="target; without it, the first target of the kind")
+    onset: float = setting("s", ge=0, help="time of the onset; a whole number of ticks")
+    duration: float | None = optional("s", gt=0, example=2.0, help="duration; without it, to the end of the run")
+    seed: int = setting(default=0, ge=0, lt=2**63, help="seed of the random numbers, for random kinds")
 
 
 @cache
@@ -412,12 +403,15 @@ def fault_table_model(known: FaultKind) -> type[FaultTable]:
     """Return the pydantic model of the [[fault]] table of one kind of fault."""
     own: dict[str, Any] = {}
     if known.magnitude_key:
-        own["magnitude"] = (float, setting(known.unit or "", help="how much", **dict[str, Any](known.bounds)))
+        own["magnitude"] = (float, setting(known.unit or "", help="magnitude", **dict[str, Any](known.bounds)))
     if known.has_share:
         # more than every second sample would no longer be single ones
-        own["share"] = (float, setting(gt=0, le=0.5, help="share of the samples that it hits"))
+        own["share"] = (float, setting(gt=0, le=0.5, help="share of affected samples"))
     if known.mechanism == "parameter":
-        own["ramp"] = (float | None, setting("s", default=None, gt=0, help="time in which it grows"))
+        own["ramp"] = (
+            float | None,
+            setting("s", default=None, gt=0, help="time of the growth from zero to the magnitude"),
+        )
     return create_model("FaultTable", __base__=FaultTable, __doc__=known.meaning, **own)
 
 
@@ -427,7 +421,6 @@ def checked_faults(tables: Any, tick: float, mistakes: list[str]) -> tuple[Fault
     Args:
         tables: array from the file; () if missing.
         tick: duration of a tick (s).
-        mistakes: list that receives an error message for each error, with the number of its fault, from 1.
 
     Returns:
         The valid faults, one for each member of a group.

@@ -91,10 +91,7 @@ def _array(tables: list[Node], description: str) -> Node:
 
 
 def _array_item(model: type[BaseModel], known: Node, defined: Node) -> Node:
-    """Return the JSON Schema of one table in an array of tables, with its required keys.
-
-    Items of arrays extend nothing, so their keys can be required.
-    """
+    """Return the JSON Schema of a table in an array; as it extends no other file, keys can be required."""
     table = _table(model, defined)
     required = [info.alias or name for name, info in model.model_fields.items() if info.is_required()]
     return {**table, "properties": {**table["properties"], **known}, "required": required}

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from pydantic import field_validator
+from pydantic import Field, field_validator
 from pydantic.config import JsonDict
 
 from twin.kernel.settings import Settings, optional, setting
@@ -32,6 +32,7 @@ MAX_FORMULA_LENGTH = 2000
 """Maximum number of characters of a formula; longer ones could only nest absurdly deep."""
 SIGNAL_PATTERN = re.compile(r"-?[a-z_]+(/[0-9]+)?\.[A-Za-z_]+(\[[0-9]+\])?")
 _NAME_PATTERN = re.compile(r"[a-z0-9_]+")
+MEASURE_KIND: Any = Field(description="kind of measure")
 _SIGNAL_SCHEMA: JsonDict = {"pattern": f"^({SIGNAL_PATTERN.pattern})$"}
 
 
@@ -57,10 +58,7 @@ Sum = tuple[Term, ...]
 
 @dataclass(frozen=True)
 class Inequality:
-    """An inequality of a requirement's formula, `smaller` <= `larger`.
-
-    Strict comparisons are equivalent, as their robustness is the same.
-    """
+    """An inequality `smaller` <= `larger` of a requirement's formula; strict ones have the same robustness."""
 
     smaller: Sum
     larger: Sum
@@ -91,10 +89,7 @@ class BooleanOp:
 
 @dataclass(frozen=True)
 class Temporal:
-    """Temporal operator: `operand` holds always, or at least once, between `begin` and `end` (s) from now.
-
-    `end` is None for the end of the run.
-    """
+    """Temporal operator: `operand` holds always or once in [begin, end] (s) from now; end None: end of the run."""
 
     operator: Side
     operand: "Formula"
@@ -289,9 +284,9 @@ class _FormulaReader:
 class Window(Settings):
     """Keys common to all [[measure]] tables: a name and a time interval; without `until_s` to the end."""
 
-    name: str = setting(examples=["z"], help="prefix of its numbers: small letters, digits, _")
+    name: str = setting(examples=["z"], help="prefix of the names of its numbers: small letters, digits, _")
     begin: float = setting("s", default=0.0, ge=0, help="beginning of its window")
-    until: float | None = optional("s", gt=0, example=3.5, help="end of its window; without it the end of the run")
+    until: float | None = optional("s", gt=0, example=3.5, help="end of its window; without it, the end of the run")
 
     @field_validator("name")
     @classmethod
@@ -307,7 +302,7 @@ class SignalMeasure(Window):
     signal: str = setting(
         examples=["plant.p_B[2]"],
         json_schema_extra=_SIGNAL_SCHEMA,
-        help='as recorded, one component of it; "-" before it turns it round',
+        help='one component of a recorded signal, such as plant.p_B[2]; a "-" before it inverts the sign',
     )
 
     @field_validator("signal", "reference", check_fields=False)
@@ -322,68 +317,66 @@ class ReferenceMeasure(SignalMeasure):
     """A [[measure]] of a signal and its reference."""
 
     reference: str = setting(
-        examples=["controller.p_ref_B[2]"],
-        json_schema_extra=_SIGNAL_SCHEMA,
-        help="reference signal, likewise",
+        examples=["controller.p_ref_B[2]"], json_schema_extra=_SIGNAL_SCHEMA, help="reference signal, written likewise"
     )
 
 
 class Step(ReferenceMeasure):
     """[[measure]] kind = "step": response of a signal to a step of its reference at `begin_s`."""
 
-    kind: Literal["step"]
+    kind: Literal["step"] = MEASURE_KIND
 
 
 class Tracking(ReferenceMeasure):
     """[[measure]] kind = "tracking": deviation of a signal from its reference."""
 
-    kind: Literal["tracking"]
+    kind: Literal["tracking"] = MEASURE_KIND
 
 
 class Lag(ReferenceMeasure):
     """[[measure]] kind = "lag": delay of a signal behind its reference, which has to move."""
 
-    kind: Literal["lag"]
+    kind: Literal["lag"] = MEASURE_KIND
     longest: float = setting("s", default=2.0, gt=0, help="maximum lag; at most half the window")
 
 
 class SpreadMeasure(SignalMeasure):
     """[[measure]] kind = "spread": mean and standard deviation of a signal."""
 
-    kind: Literal["spread"]
+    kind: Literal["spread"] = MEASURE_KIND
 
 
 class Oscillation(SignalMeasure):
     """[[measure]] kind = "oscillation": strongest sine in a signal."""
 
-    kind: Literal["oscillation"]
+    kind: Literal["oscillation"] = MEASURE_KIND
     lowest: float = setting("Hz", default=1.0, gt=0, help="minimum frequency; four periods of it must fit the window")
 
 
 class Onset(SignalMeasure):
     """[[measure]] kind = "onset": earliest time of a boolean signal being true."""
 
-    kind: Literal["onset"]
+    kind: Literal["onset"] = MEASURE_KIND
 
 
 class Path(Window):
     """[[measure]] kind = "path": distance of the true platform from the reference's path, regardless of timing."""
 
-    kind: Literal["path"]
+    kind: Literal["path"] = MEASURE_KIND
 
 
 class Effort(Window):
     """[[measure]] kind = "effort": total motion of the motors by their commands, and work of their shafts."""
 
-    kind: Literal["effort"]
+    kind: Literal["effort"] = MEASURE_KIND
 
 
 class RequirementMeasure(Window):
     """[[measure]] kind = "requirement": robustness of a formula, its distance from violation."""
 
-    kind: Literal["requirement"]
+    kind: Literal["requirement"] = MEASURE_KIND
     formula: str = setting(
-        examples=["always (|plant.F_ee_B| <= 18 N)"], help="condition to satisfy; docs/faults.md has the words"
+        examples=["always (|plant.F_ee_B| <= 18 N)"], help="condition to satisfy; docs/faults.md describes formulas"
     )
 
     @field_validator("formula")
@@ -406,7 +399,6 @@ def checked_measures(tables: Any, duration: float, mistakes: list[str]) -> tuple
     Args:
         tables: array from the file; () if missing.
         duration: duration of the experiment (s).
-        mistakes: list that receives an error message for each error, with the number of its measure, from 1.
     """
     measures: list[Measure] = []
     for number, table in numbered_tables(tables, "measure", mistakes):

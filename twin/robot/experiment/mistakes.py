@@ -1,4 +1,7 @@
-"""Error messages for invalid tables: place, value, expectation; with hints at probably wrong units."""
+"""Error messages for invalid tables: place, value, expectation; with hints at probably wrong units.
+
+Functions with an argument `mistakes` append a message for each error to it; items of arrays are numbered from 1.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
@@ -34,11 +37,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def unit_hints(values: Mapping[str, Any]) -> list[str]:
-    """Return a message for each length in mm that would be plausible if it had been given in m or um.
-
-    Args:
-        values: values of an experiment, as `Experiment.values`, checked or not.
-    """
+    """Return a message for each length in mm among an experiment's `values` that is plausible in m or um."""
     sentences_by_key: dict[str, str] = {}
     for key, length in _lengths(values):
         factor = 1e3 if abs(length) < MIN_LENGTH else 1e-3
@@ -133,10 +132,7 @@ def error_messages(error: ValidationError, model: type[BaseModel], table: str) -
 
 
 def type_error_messages(error: ValidationError, model: type[BaseModel], table: str) -> list[str]:
-    """Convert only the validation errors about wrong types to messages.
-
-    Missing, unknown and out-of-range keys are ignored.
-    """
+    """Convert validation errors about wrong types to messages; ignore missing, unknown, out-of-range keys."""
     wrong = (*_EXPECTED_TYPES, "literal_error")
     return [_error_message(detail, model, table) for detail in error.errors() if detail["type"] in wrong]
 

@@ -56,9 +56,6 @@ def recorded_values(declared: DeclaredTables, metadata: Metadata, where: Path) -
     """Return the checked values of the experiment stored in a recording, keys with units; empty if missing.
 
     Unknown and missing keys are accepted, as the recording may come from another version.
-
-    Raises:
-        InputRefused: not JSON, or values of wrong types.
     """
     text = metadata.get("experiment", {}).get("values", "{}")
     values = parse_json(text, f"{where}: its experiment")
@@ -71,11 +68,7 @@ def recorded_values(declared: DeclaredTables, metadata: Metadata, where: Path) -
 
 
 def recorded_fmus(metadata: Metadata, where: Path) -> dict[str, dict[str, Any]]:
-    """Return the recorded description of each FMU of the drives, by `drive_1` or `drive_1.part`.
-
-    Raises:
-        InputRefused: the fields are invalid.
-    """
+    """Return the recorded description of each FMU of the drives, by `drive_1` or `drive_1.part`."""
     fmus = {}
     for name, text in metadata.get("fmu", {}).items():
         facts = parse_json(text, f"{where}: its FMU of {name}")

@@ -24,13 +24,6 @@ from twin.robot.experiment.mistakes import (
 )
 from twin.robot.experiment.source import REFERENCE_SHAPES, RETAINED_KEYS, value_at
 
-PARAMETERS_HELP = 'the FMU\'s own names and units; values of enumerations by name, text, arrays, files as "file:NAME"'
-TOLERANCE_HELP = (
-    "relative tolerance of the solver, the FMU's or twin's for model exchange; without it, the FMU's default"
-)
-KIND_HELP = "kind of FMU; without it, co-simulation if available"
-METHOD_HELP = "solver for model exchange: cvode keeps the tolerance, rk4 has a fixed step; without it, cvode"
-SOLVER_STEP_HELP = "longest step of rk4; without it, one per step of the drive"
 MAX_TICKS = 1e12
 """Maximum number of ticks, three centuries at 10 ms: more is a typing error."""
 FORCE_LOOP_PREFIX = "controller.force."
@@ -81,10 +74,7 @@ class DeclaredTables:
         return {**self.needed, **self.optional}
 
     def third_party_model(self, role: str) -> type[Settings]:
-        """Return the model of a robot part's table if the part is third-party.
-
-        Only the keys that twin still needs stay mandatory.
-        """
+        """Return the table model of a third-party part, in which only keys that twin needs are mandatory."""
         model = self.tables[role]
         idle: dict[str, Any] = {
             name: (Any, None)
@@ -102,9 +92,9 @@ class DeclaredTables:
 class Circle(Settings):
     """[reference.circle]: horizontal circles, counter-clockwise from above, at constant speed from `start_s` on."""
 
-    centre: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="centre of the circle in frame B")
+    centre: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="centre of the circle (x, y, z) in frame B")
     radius: float = setting("mm", gt=0, examples=[15.0], help="radius of the circle, which begins at +x")
-    rate: float = setting("Hz", gt=0, examples=[0.2], help="turns per time")
+    rate: float = setting("Hz", gt=0, examples=[0.2], help="turns per second")
     turns: float = setting(gt=0, examples=[1.0], help="number of turns")
     start: float = setting("s", default=0.0, ge=0, help="time at rest before the motion")
 
@@ -112,8 +102,8 @@ class Circle(Settings):
 class Chirp(Settings):
     """[reference.chirp]: a sine along one axis whose frequency grows linearly with time."""
 
-    point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="centre of the motion, in frame B")
-    direction: Literal["x", "y", "z"] = setting(examples=["z"], help="axis of frame B of the motion")
+    point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="centre of the motion (x, y, z) in frame B")
+    direction: Literal["x", "y", "z"] = setting(examples=["z"], help="axis of the motion in frame B")
     amplitude: float = setting("mm", gt=0, examples=[2.0], help="amplitude of the sine")
     begin: float = setting("Hz", gt=0, examples=[0.1], help="frequency at the beginning")
     end: float = setting("Hz", gt=0, examples=[2.0], help="frequency at the end")
@@ -124,10 +114,10 @@ class Chirp(Settings):
 class JointStep(Settings):
     """[reference.joint_step]: a step of the platform that changes the angle of a single joint."""
 
-    point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="initial platform position")
+    point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="initial platform position (x, y, z) in frame B")
     joint: Literal[1, 2, 3] = setting(examples=[1], help="joint that moves")
     step: float = setting("deg", examples=[2.0], help="change of the joint's angle; positive lowers the platform")
-    start: float = setting("s", gt=0, examples=[0.5], help="when")
+    start: float = setting("s", gt=0, examples=[0.5], help="time of the step")
 
     @field_validator("step")
     @classmethod
@@ -141,13 +131,13 @@ class Reference(Settings):
     """[reference]: waypoints, straight lines at constant speed between them; or one shape."""
 
     t: tuple[float, ...] | None = optional(
-        "s", min_length=1, example=[0.0, 2.0], help="times of the waypoints, ascending"
+        "s", min_length=1, example=[0.0, 2.0], help="times of the waypoints, increasing"
     )
     p: tuple[Triple, ...] | None = optional(
         "mm",
         min_length=1,
         example=[[0.0, 0.0, -90.0], [0.0, 0.0, -95.0]],
-        help="positions (x, y, z) of the waypoints in frame B",
+        help="positions (x, y, z) of the waypoints in frame B, one per time; the robot rests at the first",
     )
     circle: Circle | None = None
     chirp: Chirp | None = None
@@ -188,7 +178,6 @@ def checked_tasks(kinds: Mapping[str, type[Task]], tables: Any, mistakes: list[s
     Args:
         kinds: task models, by the key `kind` of their tables.
         tables: array from the file; None if missing.
-        mistakes: list that receives an error message for each error, with the number of its task.
     """
     if tables is None:
         return {}
@@ -203,21 +192,23 @@ def checked_tasks(kinds: Mapping[str, type[Task]], tables: Any, mistakes: list[s
 class Cosim(Settings):
     """[cosim]: stepping of the components."""
 
-    tick: float = setting("ms", gt=0, help="step in which the components exchange their values")
+    tick: float = setting("ms", gt=0, help="step H of the co-simulation, in which the components exchange their values")
     scheme: Literal["gauss_seidel", "jacobi"] = setting(
-        help="whether plant and drives see each other's newest values, or all those of the tick before"
+        help="order of drives and plant: the plant gets the motor angles of the end of the step, or of its beginning"
     )
     inputs: Literal["hold", "linear"] = setting(
-        default="hold", help="whether inputs are constant over the step, or linear between its ends"
+        default="hold", help="inputs of plant and drives over a step: the value of one end, or a line between both ends"
     )
-    iterations: int = setting(default=1, ge=1, le=100, help="number of passes of plant and drives over each step")
+    iterations: int = setting(
+        default=1, ge=1, le=100, help="passes of plant and drives over each step; above 1, drives restore states"
+    )
 
 
 class RecordingSettings(Settings):
     """[recording]: recording rate of the plant, the drives and all other signals with a value every tick."""
 
     rate: Literal["tick", "controller"] = setting(
-        default="tick", help="every tick, or once per period of the controller: half the file"
+        default="tick", help="recording rate of signals with values every tick; controller: per period, half the file"
     )
     states: tuple[float, ...] = setting(
         "s", default=(), examples=[[5.0, 10.0]], help="times at which the state is saved, for twin run --from"
@@ -235,26 +226,22 @@ class RecordingSettings(Settings):
 class VelocityLoop(Settings):
     """[drive.velocity_loop]: twin's discrete PI for a drive without a speed command. Gains in the command's SI unit."""
 
-    kp: float = setting(ge=0, examples=[0.08], help="gain, command per rad/s")
+    kp: float = setting(ge=0, examples=[0.08], help="proportional gain, command per rad/s")
     ki: float = setting(default=0.0, ge=0, help="integral gain, command per rad")
     limit: float = setting(gt=0, examples=[0.6], help="largest command")
-    period: float = setting("ms", gt=0, examples=[0.25], help="time between two commands")
+    period: float = setting("ms", gt=0, examples=[0.25], help="period of the loop")
 
 
 class PositionCommand(Settings):
     """[drive.position_command]: command of a servo by position; angles in the servo's own convention."""
 
     period: float | None = optional(
-        "ms", into=None, gt=0, example=1.0, help="time between two commands; else one per tick"
+        "ms", into=None, gt=0, example=1.0, help="time between two commands; without it, one per tick"
     )
-    lower: float | None = optional("deg", absent=-math.inf, example=-150.0, help="smallest accepted angle")
-    upper: float | None = optional("deg", absent=math.inf, example=150.0, help="largest accepted angle")
+    lower: float | None = optional("deg", absent=-math.inf, example=-150.0, help="lower command limit, below upper_deg")
+    upper: float | None = optional("deg", absent=math.inf, example=150.0, help="upper command limit")
     wrap_from: float | None = optional(
-        "deg",
-        field="wrap",
-        absent=math.inf,
-        example=-180.0,
-        help="start of the single turn over which its angle is counted",
+        "deg", field="wrap", absent=math.inf, example=-180.0, help="start of the single turn of the servo's angle"
     )
     lead: float | None = optional(
         "deg", absent=math.inf, gt=0, example=20.0, help="maximum lead of the command before the robot's motor shaft"
@@ -270,7 +257,7 @@ class PositionCommand(Settings):
 class Rotor(Settings):
     """[drive.rotor]: a shaft simulated by twin, for an FMU that outputs a torque; values at the robot's motor shaft."""
 
-    J: float = setting("kg m2", gt=0, examples=[1e-4], help="inertia")
+    J: float = setting("kg m2", gt=0, examples=[1e-4], help="inertia of machine and gears")
     b: float = setting("N m s/rad", default=0.0, ge=0, help="viscous friction")
 
 
@@ -283,7 +270,7 @@ class UnpoweredDrive(Settings):
     holding: float = setting("N m", ge=0, examples=[0.02], help="maximum holding torque of gears and bearings")
     brake: float = setting("N m", default=0.0, ge=0, examples=[0.5], help="additional torque of a brake")
     brake_line: Literal["power", "own"] = setting(
-        default="power", help="the brake closes with the power, or once no force is left that it would hold"
+        default="power", help="closing of the brake: with the power, or once no force is left that it would hold"
     )
     J: float = setting("kg m2", default=1e-4, gt=0, help="inertia of the shaft")
     b: float = setting("N m s/rad", default=1e-4, ge=0, help="viscous friction")
@@ -304,45 +291,58 @@ def _check_parameter(value: Any) -> Any:
 Parameter = Annotated[float | str | tuple[float, ...] | tuple[str, ...], BeforeValidator(_check_parameter)]
 
 
-class DrivePart(Settings):
+class FmuTable(Settings):
+    """Keys common to a drive and its parts."""
+
+    fmu: str | None = optional(
+        example="fmus/pmsm_foc", help=".fmu or .ssp file, folder with a mapping, or name in fmus/; instead of parts"
+    )
+    sha256: str | None = optional(example="00000000...", help="hash of the file; any other file is refused")
+    parameters: dict[str, Parameter] = Field(
+        default_factory=dict,
+        description='own names and units of the FMU; enumerations by name, text, arrays, files as "file:NAME"',
+    )
+    tolerance: float | None = optional(
+        gt=0,
+        example=1e-9,
+        help="relative tolerance of the solver, the FMU's or twin's for model exchange; without it, the FMU's default",
+    )
+    kind: Kind | None = optional(example="model_exchange", help="kind of FMU; without it, co-simulation if available")
+    solver: Method | None = optional(
+        example="rk4",
+        help="solver for model exchange: cvode keeps the tolerance, rk4 has a fixed step; without it, cvode",
+    )
+    solver_step: float | None = optional(
+        "ms", gt=0, example=0.1, help="longest step of rk4; without it, one per step of the drive"
+    )
+
+
+class DrivePart(FmuTable):
     """[drive.parts.NAME]: one FMU of a drive with several parts."""
 
-    fmu: str = setting(help="an .fmu file")
-    sha256: str | None = optional(example="00000000...", help="refuse any other file")
-    parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS_HELP)
-    tolerance: float | None = optional(gt=0, example=1e-9, help=TOLERANCE_HELP)
-    kind: Kind | None = optional(example="model_exchange", help=KIND_HELP)
-    solver: Method | None = optional(example="rk4", help=METHOD_HELP)
-    solver_step: float | None = optional("ms", gt=0, example=0.1, help=SOLVER_STEP_HELP)
+    fmu: str = setting(help=".fmu file")
 
 
-class Drive(Settings):
+class Drive(FmuTable):
     """[drive], [drive.joint_1] ..: a drive. Names and units of variables and parameters are the FMU's own.
 
     Either `fmu`, or `parts` with `wires` between them; variables of parts are called "part.variable".
     """
 
-    fmu: str | None = optional(example="fmus/pmsm_foc", help="an .fmu or .ssp file, or a folder of fmus/")
-    sha256: str | None = optional(example="00000000...", help="refuse any other file")
     command: Literal["velocity", "torque", "current", "voltage", "position"] = setting(
-        default="velocity", help="what the drive takes; torque, current and voltage need a [drive.velocity_loop]"
+        default="velocity", help="quantity of the command; torque, current and voltage need [drive.velocity_loop]"
     )
-    sign: Literal[1, -1] = setting(default=1, help="-1: the FMU has the opposite direction")
+    sign: Literal[1, -1] = setting(default=1, help="-1 if the FMU counts in the opposite direction")
     gear_ratio: float = setting(default=1.0, gt=0, help="turns of the FMU's shaft per turn of the motor shaft")
-    substeps: int = setting(default=1, ge=1, le=10_000, help="steps of the FMU per tick")
-    inputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
-    outputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
-    parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS_HELP)
-    tolerance: float | None = optional(gt=0, example=1e-9, help=TOLERANCE_HELP)
-    kind: Kind | None = optional(example="model_exchange", help=KIND_HELP)
-    solver: Method | None = optional(example="rk4", help=METHOD_HELP)
-    solver_step: float | None = optional("ms", gt=0, example=0.1, help=SOLVER_STEP_HELP)
+    substeps: int = setting(default=1, ge=1, le=10_000, help="steps of the drive per tick")
+    inputs: dict[str, str] = Field(default_factory=dict, description="role = name in the FMU")
+    outputs: dict[str, str] = Field(default_factory=dict, description="role = name in the FMU")
     velocity_loop: VelocityLoop | None = None
     position_command: PositionCommand | None = None
     rotor: Rotor | None = None
     unpowered: UnpoweredDrive | None = None
     parts: dict[str, DrivePart] = Field(default_factory=dict, description="FMUs of a drive with several parts")
-    wires: dict[str, str] = Field(default_factory=dict, description="between parts: part.input = part.output")
+    wires: dict[str, str] = Field(default_factory=dict, description="wires between parts: part.input = part.output")
 
     @model_validator(mode="after")
     def _consistent(self) -> "Drive":
@@ -376,9 +376,9 @@ def whole_ticks(time: float, tick: float) -> int | None:
 class ChangeTable(Settings):
     """[[change]]: a scheduled change of a value of [controller]."""
 
-    t: float = setting("s", gt=0, examples=[8.0], help="time of the change")
-    key: str = setting(examples=["controller.force.reference_N"], help="key that changes")
-    value: float = setting(examples=[6.0], help="its new value, in the unit of the key")
+    t: float = setting("s", gt=0, examples=[8.0], help="time of the change; a whole number of ticks")
+    key: str = setting(examples=["controller.force.reference_N"], help="key that changes, with its table and unit")
+    value: float = setting(examples=[6.0], help="new value, in the unit of the key")
 
 
 @dataclass(frozen=True)
@@ -404,7 +404,6 @@ def changeable_values(declared: DeclaredTables, tables: Mapping[str, Any]) -> di
     Keys of an idle force loop are left out, and the reference if tasks bring their own.
 
     Args:
-        declared: tables that an experiment may have.
         tables: tables of the experiment, as `Experiment.values`.
     """
     found = {}
@@ -447,11 +446,9 @@ def checked_changes(
     """Check the [[change]] tables of an experiment; return the valid changes, earliest first.
 
     Args:
-        declared: tables that an experiment may have.
         tables: array from the file; () if missing.
         values: tables of the experiment.
         tick, duration: duration of a tick and of the experiment (s).
-        mistakes: list that receives an error message for each error, with the number of its change, from 1.
     """
     changes: dict[tuple[int, str], Change] = {}
     for number, table in numbered_tables(tables, "change", mistakes):

@@ -47,10 +47,6 @@ def refuse_other_files(values: Mapping[str, Any], path: Path) -> None:
 
     Args:
         values: merged values of the file and the files that it extends.
-        path: path of the file.
-
-    Raises:
-        InputRefused: with the kind of file, and the command that accepts it.
     """
     tables, name = values.keys(), shlex.quote(str(path))
     reason = ""
@@ -134,7 +130,6 @@ class Source:
         A table that names another drive, body, shape or part replaces the present table.
 
         Args:
-            tables: tables by name.
             origin: origin of their values.
             by_key: whether they are a key of the command line.
         """
@@ -200,11 +195,7 @@ class Source:
 
 
 def with_numbers(items: Mapping[str, Any], into: tuple[Any, ...], where: str) -> tuple[Any, ...]:
-    """Replace numbered elements of an array: key 2, as in `joint_zero_deg.2`, replaces the second element.
-
-    Raises:
-        InputRefused: the number is out of range; the message begins with `where`.
-    """
+    """Replace numbered elements of an array: key 2, as in `joint_zero_deg.2`, replaces the second element."""
     numbers = list(into)
     for number, item in items.items():
         if not (number.isdigit() and 1 <= int(number) <= len(into)):
@@ -312,10 +303,7 @@ def _tables(path: Path) -> dict[str, Any]:
 
 @functools.lru_cache(maxsize=64)
 def _parse_toml(text: str, where: str) -> Mapping[str, Any]:
-    """Parse TOML text, cached because all runs of a sweep read the same files.
-
-    The result must not be modified.
-    """
+    """Parse TOML text, cached as all runs of a sweep read the same files; the result must not be modified."""
     return parse_toml(text, where)
 
 

@@ -11,7 +11,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.settings import Settings
 from twin.robot.experiment.drive_files import complete_drive
 from twin.robot.experiment.mistakes import check_table, toml_keys
-from twin.robot.experiment.schema import TOLERANCE_HELP, DeclaredTables, Parameter
+from twin.robot.experiment.schema import DeclaredTables, Parameter
 from twin.robot.experiment.source import FILE_KEYS, RETAINED_KEYS, names_stand_in
 from twin.robot.paths import locate_file
 
@@ -25,14 +25,24 @@ class StandIn(Settings):
     """
 
     fmu: str | None = Field(
-        None, examples=["fmus/parts/paper_law"], description="an .fmu or .ssp file, or a folder of fmus/parts/"
+        None, examples=["fmus/parts/paper_law"], description=".fmu or .ssp file, mapping, or folder with a mapping"
     )
-    python: str | None = Field(None, examples=["my_controller.py:Controller"], description="a file and a class in it")
-    sha256: str | None = Field(None, examples=["00000000..."], description="refuse any other file")
-    inputs: Names = Field(default_factory=dict, description="our name = the FMU's, or one for each value")
-    outputs: Names = Field(default_factory=dict, description="our name = the FMU's, or one for each value")
-    parameters: dict[str, Parameter] = Field(default_factory=dict, description="the FMU's or the class's own names")
-    tolerance: float | None = Field(None, gt=0, examples=[1e-9], description=TOLERANCE_HELP)
+    python: str | None = Field(
+        None, examples=["my_controller.py:Controller"], description="class in a Python file, FILE:CLASS; instead of fmu"
+    )
+    sha256: str | None = Field(
+        None, examples=["00000000..."], description="hash of the file; any other file is refused"
+    )
+    inputs: Names = Field(default_factory=dict, description="port = name in the FMU, or an array with a name per value")
+    outputs: Names = Field(
+        default_factory=dict, description="port = name in the FMU, or an array with a name per value"
+    )
+    parameters: dict[str, Parameter] = Field(
+        default_factory=dict, description="names and units of the FMU, or arguments of the class"
+    )
+    tolerance: float | None = Field(
+        None, gt=0, examples=[1e-9], description="relative tolerance of the FMU's solver; without it, its default"
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> "StandIn":
@@ -77,7 +87,6 @@ def check_third_party_table(
     Args:
         declared: tables of twin's own components.
         folder: folder for looking up files.
-        mistakes: list that receives an error message for each error.
     """
     own_keys, model = toml_keys(StandIn), declared.tables[role]
     own = {key: value for key, value in table.items() if key in own_keys}

@@ -1,6 +1,7 @@
 """Job of `twin run`: runs experiments, records them, and serves them to viewers with `--live`."""
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
@@ -14,12 +15,13 @@ from twin.kernel.process.states import StoredState, machine_identity, refuse_oth
 from twin.kernel.recording.folder import claim_run_folder, create_run_folder, discard_run_folder, recording_in
 from twin.kernel.recording.reader import read_metadata
 from twin.kernel.recording.recorder import versions
-from twin.robot.assembly.build import need_processes, planned_drives
+from twin.robot.assembly.assemble import IN_PROCESS_MAKER
+from twin.robot.assembly.build import DriveMaker, need_processes, planned_drives
 from twin.robot.assembly.load import load_experiment, recorded_experiment
 from twin.robot.experiment.differences import robot_values
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.cost import refuse_endless
-from twin.robot.run.run import Run, execute
+from twin.robot.run.run import execute
 from twin.robot.run.viewer import Viewer
 
 if TYPE_CHECKING:
@@ -78,13 +80,15 @@ def recorded_runs(
         folder = folder.absolute()
         reporter.note(experiment=experiment.name, folder=str(folder), duration=duration)
         try:
-            # created here because a limit is given; otherwise `assemble` decides
-            if isolate_drives or need_processes(planned_drives(experiment)):
-                run = _with_isolated_drives(reporter, experiment, folder, limit_step, factor, viewer, state)
-            else:
+            isolated = isolate_drives or need_processes(planned_drives(experiment))
+            # made here because a limit is given; otherwise `assemble` decides
+            with _isolated_drives(reporter, limit_step) if isolated else nullcontext(IN_PROCESS_MAKER) as maker:
                 run = execute(
-                    experiment, folder, reporter.progress, timed=True, factor=factor, viewer=viewer, state=state
-                )
+                    experiment, folder, reporter.progress, timed=True, maker=maker, factor=factor, viewer=viewer,
+                    state=state,
+                )  # fmt: skip
+        except JobFailure as failure:
+            raise ComponentFailed(f"{failure}\n{recording_status(folder)}") from None
         except InputRefused:
             if not out:
                 discard_run_folder(folder)
@@ -150,26 +154,11 @@ def _other_duration(settings: Sequence[str]) -> float | None:
     return None
 
 
-def _with_isolated_drives(
-    reporter: Reporter,
-    experiment: Experiment,
-    folder: Path,
-    limit_step: float,
-    factor: float | None,
-    viewer: Viewer | None,
-    state: StoredState | None,
-) -> Run:
+def _isolated_drives(reporter: Reporter, limit_step: float) -> AbstractContextManager[DriveMaker]:
     # imported here, as its compiled code takes a while to load
     from twin.robot.assembly.isolated_drive import IsolatedDrives
 
-    with IsolatedDrives(reporter, limit_step) as drives:
-        try:
-            return execute(
-                experiment, folder, reporter.progress, timed=True, maker=drives, factor=factor, viewer=viewer,
-                state=state,
-            )  # fmt: skip
-        except JobFailure as failure:
-            raise ComponentFailed(f"{failure}\n{recording_status(folder)}") from None
+    return IsolatedDrives(reporter, limit_step)
 
 
 def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: Any) -> None:
@@ -196,11 +185,7 @@ def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: 
 
 
 def live_server(port: int, **arguments: Any) -> "LiveServer":
-    """Create the server that shows runs to live viewers.
-
-    Raises:
-        InputRefused: websockets is not installed, the port is taken, or an origin is invalid.
-    """
+    """Create the server that shows runs to live viewers."""
     try:
         from twin.robot.live.server import LiveServer
     except ImportError as missing:

@@ -23,7 +23,6 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from twin.kernel import live
-from twin.kernel import live as protocol
 from twin.kernel.cosim.observers import TickEvent
 from twin.kernel.errors import InputRefused
 from twin.kernel.gate import LOOPBACK_HOST, Gate, viewer_policy
@@ -67,10 +66,7 @@ class Client:
     """One live viewer's connection, within the server's event loop.
 
     Args:
-        connection: WebSocket connection.
         may_tune: whether it may change parameters.
-        channels: channels by number.
-        tuning: parameters of the run.
         subscribed: called with True when it has subscribed, False when it has unsubscribed.
         changed: called with the names of the parameters that it requested to change.
 
@@ -127,7 +123,7 @@ class Client:
     def send_parameters(self, names: Sequence[str]) -> None:
         """Queue the values of changed parameters that the viewer follows."""
         if wanted := self._follows.intersection(names):
-            self._enqueue(protocol.parameter_values(self._values(wanted)))
+            self._enqueue(live.parameter_values(self._values(wanted)))
 
     async def drain_and_close(self, patience: float) -> None:
         """Send queued messages and close the viewer's connection; give up after `patience` (s)."""
@@ -160,30 +156,30 @@ class Client:
         if isinstance(frame, bytes):
             return [live.status(live.Level.ERROR, "not understood: nothing binary is expected here")]
         try:
-            return self._answer(protocol.parse_request(frame))
+            return self._answer(live.parse_request(frame))
         except InputRefused as refusal:
             return [live.status(live.Level.ERROR, str(refusal))]
 
-    def _answer(self, asked: protocol.Request) -> list[str]:
+    def _answer(self, asked: live.Request) -> list[str]:
         match asked:
-            case protocol.Subscribe():
+            case live.Subscribe():
                 return self._subscribe(asked)
-            case protocol.Unsubscribe():
+            case live.Unsubscribe():
                 left = {c: number for c, number in self.subscriptions.items() if number not in asked.ids}
                 self.subscriptions = left
                 self.lacking &= left.keys()
                 self._on_subscription(False)
-            case protocol.GetParameters():
-                return [protocol.parameter_values(self._values(asked.names), asked.id)]
-            case protocol.SetParameters():
+            case live.GetParameters():
+                return [live.parameter_values(self._values(asked.names), asked.id)]
+            case live.SetParameters():
                 return self._set_parameters(asked)
-            case protocol.FollowParameters(op="subscribeParameterUpdates"):
+            case live.FollowParameters(op="subscribeParameterUpdates"):
                 self._follows |= self._values(asked.names).keys()
-            case protocol.FollowParameters():
+            case live.FollowParameters():
                 self._follows -= self._values(asked.names).keys()
         return []
 
-    def _subscribe(self, asked: protocol.Subscribe) -> list[str]:
+    def _subscribe(self, asked: live.Subscribe) -> list[str]:
         answers, before = [], len(self.subscriptions)
         for wanted in asked.subscriptions:
             if wanted.channel not in self._channels:
@@ -198,11 +194,8 @@ class Client:
             self._on_subscription(True)
         return answers
 
-    def _set_parameters(self, asked: protocol.SetParameters) -> list[str]:
-        """Request the parameter changes of a viewer and return the answers.
-
-        For a refused parameter the answer has its current value.
-        """
+    def _set_parameters(self, asked: live.SetParameters) -> list[str]:
+        """Request a viewer's changes; return the answers, with current values for refused parameters."""
         answers, names = [], [wish.name for wish in asked.parameters]
         if self._may_tune:
             for wish in asked.parameters:
@@ -214,7 +207,7 @@ class Client:
         else:
             answers.append(live.status(live.Level.WARNING, READ_ONLY_REFUSAL))
         if asked.id is not None and names:
-            answers.append(protocol.parameter_values(self._values(names), asked.id))
+            answers.append(live.parameter_values(self._values(names), asked.id))
         return answers
 
     def _values(self, names: Collection[str]) -> dict[str, bool | float | str]:
@@ -229,12 +222,6 @@ logging.getLogger("asyncio").addFilter(lambda record: record.msg != "socket.send
 
 class Broadcast:
     """The live server of one run, in a thread of its own; it listens once constructed.
-
-    Args:
-        port: port to listen on.
-        gate: access check for every connection.
-        channels: available channels.
-        tuning: parameters of the run.
 
     Attributes:
         port: actual port.
@@ -400,11 +387,7 @@ class LiveServer:
         self._close_broadcast()
 
     def begin(self, streams: Sequence[RowStream], scene: SceneSource, tick: float, tuning: Parameters) -> None:
-        """Begin to serve a run, and wait for the first viewer's subscription if required.
-
-        Raises:
-            InputRefused: the port has been taken in the meantime.
-        """
+        """Begin to serve a run, and wait for the first viewer's subscription if required."""
         self._held.close()
         self._close_broadcast()
         topics = Topics(streams, scene, tick)
@@ -453,10 +436,6 @@ class Publisher:
     The stepping thread only stores its newest row here; this thread fetches it periodically, independent of the run's
     pace. Encoding messages in the stepping thread would cost it much more time. The first row is always published, so
     that waiting viewers see the beginning of a fast run.
-
-    Args:
-        topics: encoder of the run's messages.
-        broadcast: receives the messages.
     """
 
     def __init__(self, topics: Topics, broadcast: Broadcast):

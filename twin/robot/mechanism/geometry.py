@@ -107,24 +107,24 @@ def distal_link(geometry, leg, cos_theta, sin_theta, x, y, z):
 class Model(Settings):
     """Robot properties known to both maker and controller: Fig. 2, Eq. 18-20, the encoders."""
 
-    a: float = setting("mm", gt=0, help="radius of the base triangle, Fig. 2")
-    b: float = setting("mm", gt=0, help="radius of the platform triangle, Fig. 2")
-    l_a: float = setting("mm", gt=0, help="length of the proximal links, Fig. 2")
-    l_b: float = setting("mm", gt=0, help="length of the distal links, Fig. 2")
-    m_a: float = setting("g", ge=0, help="mass of one proximal link")
-    m_b: float = setting("g", ge=0, help="mass of one distal rod pair")
+    a: float = setting("mm", gt=0, help="distance from base centre to base joint (Fig. 2)")
+    b: float = setting("mm", gt=0, help="distance from platform centre to platform joint (Fig. 2)")
+    l_a: float = setting("mm", gt=0, help="length of the proximal link (Fig. 2)")
+    l_b: float = setting("mm", gt=0, help="length of the distal link (Fig. 2)")
+    m_a: float = setting("g", ge=0, help="mass of a proximal link, a uniform rod")
+    m_b: float = setting("g", ge=0, help="mass of the two distal rods of a leg, of constant thickness")
     m_p: float = setting("g", ge=0, help="mass of the platform with its head")
-    k_s: float = setting("N m/rad", gt=0, help="stiffness of the series elastic spring, Eq. 18")
-    N: float = setting(gt=0, help="belt reduction, motor turns per joint turn")
+    k_s: float = setting("N m/rad", gt=0, help="stiffness of a joint's spring, on the motor's side, Eq. 18")
+    N: float = setting(gt=0, help="reduction of the belt, turns of the motor per turn of the link")
     eta: float = setting(gt=0, le=1, help="efficiency of the belt, Eq. 18")
     motor_counts_per_turn: int = setting(
-        gt=0, into="encoders", field="motor_counts", help="resolution of the motor encoders"
+        gt=0, into="encoders", field="motor_counts", help="resolution of the motors' encoders"
     )
     joint_counts_per_turn: int = setting(
-        gt=0, into="encoders", field="joint_counts", help="resolution of the joint encoders"
+        gt=0, into="encoders", field="joint_counts", help="resolution of the joints' encoders"
     )
-    motor_zero: Triple = setting("deg", into="encoders", help="angle at which each motor encoder reads zero")
-    joint_zero: Triple = setting("deg", into="encoders", help="angle at which each joint encoder reads zero")
+    motor_zero: Triple = setting("deg", into="encoders", help="reading of each motor encoder at angle 0; three numbers")
+    joint_zero: Triple = setting("deg", into="encoders", help="reading of each joint encoder at angle 0; three numbers")
 
 
 def geometry_of(model: Model) -> Geometry:

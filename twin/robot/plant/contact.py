@@ -27,10 +27,7 @@ CONE_ROUNDING = 1e-9
 
 
 class Shape(IntEnum):
-    """Shape of the contact surface; names as in an experiment's file, in capitals.
-
-    A cylinder is named after the direction of its axis.
-    """
+    """Shape of the contact surface, named as in an experiment's file, in capitals; a cylinder after its axis."""
 
     PLANE = 0
     SPHERE = 1
@@ -170,10 +167,7 @@ def friction(parameters, F_n, z_1, z_2, v_1, v_2):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def bristle_rate(parameters, F_n, z_1, z_2, v_1, v_2):
-    """Return the rate of the friction bristle dz_b/dt (m/s).
-
-    It is the tangential velocity, without the component that would stretch a sliding bristle.
-    """
+    """Return the bristle's rate dz_b/dt (m/s): tangential speed without the part that stretches a sliding bristle."""
     limit = parameters.mu * F_n / parameters.sigma_0
     length = math.sqrt(z_1 * z_1 + z_2 * z_2)
     # return mapping leaves a sliding bristle at the limit: its last bit must not decide whether it slides

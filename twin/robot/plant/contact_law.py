@@ -86,43 +86,37 @@ class Contact(Settings):
         kind: for people; a law or shape is not tied to it.
     """
 
-    body: str | None = optional(example="back", help="a file of bodies/ with values for missing keys of this table")
-    kind: Literal["scale", "skin"] = setting(into=None, help="for people")
+    body: str | None = optional(example="back", help="file of experiments/bodies/ with the defaults of the keys below")
+    kind: Literal["scale", "skin"] = setting(into=None, help="kind of surface: its colour in pictures")
     height: float = setting("mm", field="z_s", help="z of the surface's highest point, or of the plane at x = y = 0")
-    tilt: float = setting("deg", gt=-45, lt=45, help="tilt about y")
-    tilt_x: float = setting("deg", default=0.0, gt=-45, lt=45, help="tilt about x")
+    tilt: float = setting("deg", gt=-45, lt=45, help="tilt of the surface about y")
+    tilt_x: float = setting("deg", default=0.0, gt=-45, lt=45, help="tilt about x, applied before the tilt about y")
     radius: float | None = optional("mm", absent=math.inf, gt=0, example=60.0, help="radius of a sphere or cylinder")
     shape: Literal["plane", "sphere", "cylinder_x", "cylinder_y"] = setting(
         default="plane", help="shape of the surface"
     )
-    stiffness: float = setting(
-        "N/m", field="K", broken_by=("stiffness_change",), ge=0, help="stiffness; its depth depends on the law"
-    )
+    stiffness: float = setting("N/m", field="K", broken_by=("stiffness_change",), ge=0, help="K of the law")
     damping: float | None = optional(
-        "s/m",
-        absent=0.0,
-        ge=0,
-        example=3.0,
-        help="Hunt-Crossley and exponential: force grows by this share per speed of pressing in",
+        "s/m", absent=0.0, ge=0, example=3.0, help="c of hunt_crossley and exponential: force share per pressing speed"
     )
     exponent: float | None = optional(
-        absent=1.0, ge=1, le=5, example=1.5, help="Hunt-Crossley: exponent of force over depth"
+        absent=1.0, ge=1, le=5, example=1.5, help="n of hunt_crossley, exponent of force over depth; without it, 1"
     )
     reference_depth: float | None = optional(
-        "mm", absent=1e-3, gt=0, example=4.0, help="Hunt-Crossley with an exponent: depth at which the stiffness holds"
+        "mm", absent=1e-3, gt=0, example=4.0, help="depth of the secant stiffness K, for hunt_crossley with n not 1"
     )
-    damper: float | None = optional("N s/m", absent=0.0, ge=0, example=10.0, help="Kelvin-Voigt: viscous damper")
+    damper: float | None = optional("N s/m", absent=0.0, ge=0, example=10.0, help="C of kelvin_voigt, a viscous damper")
     touch_depth: float | None = optional(
-        "mm", absent=1e-3, gt=0, example=1.0, help="Kelvin-Voigt: depth over which the damper fades in"
+        "mm", absent=1e-3, gt=0, example=1.0, help="depth over which the damper of kelvin_voigt fades in"
     )
     stiffening: float | None = optional(
-        "1/mm", absent=0.0, gt=0, example=0.2, help="exponential: relative growth of the stiffness per depth"
+        "1/mm", absent=0.0, gt=0, example=0.2, help="beta of exponential, relative growth of the stiffness per depth"
     )
     # law and shape follow the keys that they depend on: a field's validator only sees the fields before it
     law: Law = setting(default="hunt_crossley", help="law of the normal force")
-    friction: float = setting(field="mu", ge=0, help="Coulomb coefficient")
-    bristle: float = setting("N/m", field="sigma_0", gt=0, help="lateral stiffness while sticking")
-    bristle_damping: float = setting("N s/m", field="sigma_1", ge=0, help="lateral damping while sticking")
+    friction: float = setting(field="mu", ge=0, help="coefficient of Coulomb friction mu")
+    bristle: float = setting("N/m", field="sigma_0", gt=0, help="lateral stiffness while sticking, sigma_0")
+    bristle_damping: float = setting("N s/m", field="sigma_1", ge=0, help="lateral damping while sticking, sigma_1")
     breathing: Breathing | None = None
     shift: Shift | None = None
 

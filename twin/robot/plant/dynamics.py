@@ -86,69 +86,67 @@ INITIAL_ANCHORS = np.full((3, ANCHOR_SIZE), np.nan)
 class Robot(Model):
     """[robot]: a robot, including effects that its controller does not model."""
 
-    name: str = setting(help="for people")
-    I_r: float = setting("kg m2", ge=0, help="inertia of pulley and encoder about the joint axis")
+    name: str = setting(help="name of the robot, for people")
+    I_r: float = setting("kg m2", ge=0, help="inertia of pulley and encoder about the joint's axis")
     b_j: float = setting("N m s/rad", ge=0, help="viscous friction of a joint")
     backlash: float = setting("deg", ge=0, help="half width of the dead zone, motor side")
-    eta_rate: float = setting("rad/s", ge=0, help="speed over which eta changes from driven to driving; 0: constant")
+    eta_rate: float = setting("rad/s", ge=0, help="speed over which eta goes from driven to driving (P1); 0: constant")
     motor_noise: float = setting(
-        "deg", into="encoders", default=0.0, ge=0, help="standard deviation of the motor encoders' noise"
+        "deg", into="encoders", default=0.0, ge=0, help="standard deviation of a motor encoder's reading"
     )
     joint_noise: float = setting(
-        "deg", into="encoders", default=0.0, ge=0, help="standard deviation of the joint encoders' noise"
+        "deg", into="encoders", default=0.0, ge=0, help="standard deviation of a joint encoder's reading"
     )
     motor_eccentricity: Triple = setting(
-        "deg",
-        into="encoders",
-        default=ZERO_TRIPLE,
-        help="amplitude of each motor encoder's error, one period per turn",
+        "deg", into="encoders", default=ZERO_TRIPLE, help="amplitude of each motor encoder's error, one period per turn"
     )
     motor_eccentric_at: Triple = setting(
-        "deg",
-        into="encoders",
-        default=ZERO_TRIPLE,
-        help="motor angle of that error's rising zero crossing, a quarter turn before its maximum",
+        "deg", into="encoders", default=ZERO_TRIPLE, help="motor angle at which that error is 0 and rising"
     )
     joint_eccentricity: Triple = setting(
-        "deg",
-        into="encoders",
-        default=ZERO_TRIPLE,
-        help="amplitude of each joint encoder's error, one period per turn",
+        "deg", into="encoders", default=ZERO_TRIPLE, help="amplitude of each joint encoder's error, one period per turn"
     )
     joint_eccentric_at: Triple = setting(
-        "deg",
-        into="encoders",
-        default=ZERO_TRIPLE,
-        help="joint angle of that error's rising zero crossing, a quarter turn before its maximum",
+        "deg", into="encoders", default=ZERO_TRIPLE, help="joint angle at which that error is 0 and rising"
     )
-    encoder_latency: float = setting("ms", into=None, default=0.0, ge=0, le=1000, help="age of a count when it is read")
+    encoder_latency: float = setting(
+        "ms", into=None, default=0.0, ge=0, le=1000, help="age of a count when it is read; a whole number of ticks"
+    )
     belt_compliance: float = setting(
         "rad/(N m)", default=0.0, ge=0, help="joint angle per torque of the belt, in series with the spring"
     )
-    joint_friction: float = setting("N m", default=0.0, ge=0, help="dry friction of a joint")
+    joint_friction: float = setting("N m", default=0.0, ge=0, help="dry friction of a joint (P14)")
     joint_presliding: float = setting(
         "deg", default=0.05, gt=0, help="elastic angle of a joint before its dry friction slides"
     )
     spring_hysteresis: float = setting(
-        default=0.0, ge=0, le=0.5, help="dry friction of a spring as a share of its torque"
+        default=0.0, ge=0, le=0.5, help="dry friction of a spring as a share of its torque (P15)"
     )
     spring_stop: float | None = optional(
-        "deg", absent=math.inf, gt=0, example=15.0, help="deflection of a spring at its hard stop, motor side"
+        "deg", absent=math.inf, gt=0, example=15.0, help="hard stop of a spring, on the motor side; without it, none"
     )
-    joint_lower: float | None = optional("deg", absent=-math.inf, example=-60.0, help="hard stop of a joint, upwards")
-    joint_upper: float | None = optional("deg", absent=math.inf, example=90.0, help="hard stop of a joint, downwards")
+    joint_lower: float | None = optional(
+        "deg", absent=-math.inf, example=-60.0, help="hard stop of a joint, upwards; without it, none"
+    )
+    joint_upper: float | None = optional(
+        "deg", absent=math.inf, example=90.0, help="hard stop of a joint, downwards; without it, none"
+    )
     stop: float = setting("N m/rad", default=100.0, gt=0, help="stiffness of hard stops")
-    mounting_tilt: float = setting("deg", default=0.0, ge=-180, le=180, help="tilt of the base about its y")
-    mounting_tilt_x: float = setting("deg", default=0.0, ge=-180, le=180, help="tilt of the base about its x")
-    head: Triple = setting("mm", default=ZERO_TRIPLE, help="contact point of the head relative to O_P")
+    mounting_tilt: float = setting(
+        "deg", default=0.0, ge=-180, le=180, help="tilt of the base about its y: gravity is not along -z"
+    )
+    mounting_tilt_x: float = setting(
+        "deg", default=0.0, ge=-180, le=180, help="tilt of the base about its x, applied before the tilt about y"
+    )
+    head: Triple = setting("mm", default=ZERO_TRIPLE, help="contact point of the head relative to O_P (x, y, z)")
     ball_joint_limit: float | None = optional(
-        "deg", into=None, gt=0, example=30.0, help="maximum inclination of a rod in its ball joints; without it, any"
+        "deg", into=None, gt=0, example=30.0, help="largest inclination of a rod in its ball joints; without it, any"
     )
     link_diameter: float | None = optional(
-        "mm", into=None, gt=0, example=9.0, help="diameter of the proximal links, which must not touch other legs"
+        "mm", into=None, gt=0, example=9.0, help="diameter of the proximal links, which may not collide with other legs"
     )
     rod_diameter: float | None = optional(
-        "mm", into=None, gt=0, example=4.0, help="diameter of the distal rods, which must not touch other legs"
+        "mm", into=None, gt=0, example=4.0, help="diameter of the distal rods, which may not collide with other legs"
     )
     rod_spacing: float | None = optional(
         "mm", into=None, gt=0, example=24.0, help="distance between the two rods of a pair"
@@ -211,10 +209,7 @@ def series_share(parameters, leg):
 
 @njit(cache=True, forceinline=True)
 def has_effects(parameters):
-    """Whether the robot has small effects on its joints: friction, stops, hysteresis, elastic belt, tilted mounting.
-
-    Without any, their evaluation can be skipped.
-    """
+    """Whether joints have friction, stops, hysteresis, elastic belts or a tilted mounting; else these are skipped."""
     p = parameters
     springs = (p.belt_compliance > 0.0) | (p.spring_hysteresis > 0.0) | (p.spring_stop < math.inf)
     joints = (p.joint_friction > 0.0) | (p.joint_lower > -math.inf) | (p.joint_upper < math.inf)

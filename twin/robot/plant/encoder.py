@@ -63,10 +63,7 @@ def normal(state):
 
 @njit(cache=True)
 def count(angle, reader, random):
-    """Return the whole counts of an encoder at its shaft's angle (rad), with noise; NaN if not representable.
-
-    `random` is the state of the noise.
-    """
+    """Return an encoder's whole counts at the shaft's angle (rad), noise from `random`; NaN if not representable."""
     read = angle + reader.zero
     if reader.eccentricity != 0.0:
         read += reader.eccentricity * math.sin(angle - reader.eccentric_at)

@@ -40,7 +40,6 @@ class Motion(NamedTuple):
     """One motion of the body's surface, SI.
 
     Attributes:
-        kind: breathing or shift.
         displacement: vector in B (m): amplitude of breathing, total displacement of a shift.
         onset, end: start, and end or return (s); infinity for never.
         rate: frequency of breathing (Hz), > 0.
@@ -58,10 +57,14 @@ class Motion(NamedTuple):
 class Breathing(Settings):
     """[contact.breathing]: the surface rises by twice the amplitude and falls with every breath."""
 
-    amplitude: float = setting("mm", field="displacement", ge=0, examples=[1.0], help="half the height of a breath")
-    rate: float = setting("1/min", gt=0, examples=[15.0], help="breaths per time")
-    start: float = setting("s", field="onset", default=0.0, ge=0, help="start of the first breath")
-    end: float | None = optional("s", absent=math.inf, ge=0, example=20.0, help="last breath")
+    amplitude: float = setting(
+        "mm", field="displacement", ge=0, examples=[1.0], help="half of the height by which a breath lifts the surface"
+    )
+    rate: float = setting("1/min", gt=0, examples=[15.0], help="breaths per minute")
+    start: float = setting("s", field="onset", default=0.0, ge=0, help="beginning of the first breath")
+    end: float | None = optional(
+        "s", absent=math.inf, ge=0, example=20.0, help="time in the last breath; without it, no end"
+    )
 
     @property
     def motion(self) -> Motion:
@@ -72,10 +75,12 @@ class Breathing(Settings):
 class Shift(Settings):
     """[contact.shift]: the person moves once, and back again if an end is given."""
 
-    by: Triple = setting("mm", field="displacement", examples=[[0.0, 0.0, 2.0]], help="displacement (x, y, z)")
+    by: Triple = setting("mm", field="displacement", examples=[[0.0, 0.0, 2.0]], help="shift of the surface (x, y, z)")
     start: float = setting("s", field="onset", ge=0, examples=[5.0], help="start of the motion")
     rise: float = setting("s", gt=0, examples=[0.5], help="duration of the motion")
-    end: float | None = optional("s", absent=math.inf, ge=0, example=20.0, help="start of the return")
+    end: float | None = optional(
+        "s", absent=math.inf, ge=0, example=20.0, help="start of the return; without it, no return"
+    )
 
     @property
     def motion(self) -> Motion:

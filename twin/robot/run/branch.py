@@ -35,9 +35,6 @@ def refuse_fixed_keys(settings: Sequence[str], option: str = "--set") -> None:
     Args:
         settings: "table.key=value" texts.
         option: command-line option of the settings, for the error message.
-
-    Raises:
-        InputRefused: with the key and the reason.
     """
     for setting in settings:
         key = setting.partition("=")[0].strip()
@@ -57,13 +54,9 @@ def branched_experiment(
     """Load the experiment of a recorded run with changes that act from a later time on.
 
     Args:
-        recording: MCAP file of the run.
         settings: "table.key=value" texts.
         faults: inline TOML tables, added to the experiment's faults.
         body: file of bodies/ that replaces the body; its height stays.
-
-    Raises:
-        InputRefused: a setting cannot change in mid-run or is invalid.
     """
     refuse_fixed_keys(settings)
     return recorded_experiment(
@@ -72,20 +65,12 @@ def branched_experiment(
 
 
 def start_branch(simulation: Simulation, saved: SavedState) -> None:
-    """Start the simulation of a branch from the saved state of its parent run.
-
-    Raises:
-        InputRefused: a new component has memory, so it cannot start in mid-run.
-    """
+    """Start the simulation of a branch from the saved state of its parent run."""
     add_components(simulation, simulation.adopt(saved))
 
 
 def add_components(simulation: Simulation, new: Collection[str]) -> None:
-    """Start new components, such as faults, in a simulation where all others are in mid-run.
-
-    Raises:
-        InputRefused: a new component has memory, so it cannot start in mid-run.
-    """
+    """Start new components, such as faults, in a simulation where all others are in mid-run."""
     for component in simulation.system.components:
         if component.name not in new:
             continue

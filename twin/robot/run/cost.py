@@ -25,11 +25,7 @@ def refuse_endless(experiments: Sequence[Experiment], factor: float | None = Non
     """Refuse runs that take very long or fill the disk, unless the user confirms them.
 
     Args:
-        experiments: experiments to run one after the other.
         factor: simulated time per wall time; None or 0 for as fast as possible.
-
-    Raises:
-        InputRefused: more than `LONG_RUN_DURATION` or `MAX_DISK_BYTES`; the message gives the estimate.
     """
     costs = [estimate(experiment) for experiment in experiments]
     seconds, size = (sum(cost[i] for cost in costs) for i in (0, 1))

@@ -26,7 +26,6 @@ class BranchPoint:
     Args:
         experiment: experiment of the run, unchanged.
         recording: file of the run, which may contain states.
-        tick: tick within the run.
 
     Attributes:
         lacking: per component without a state, the reason.
@@ -48,26 +47,14 @@ class BranchPoint:
 
     @property
     def branch_state(self) -> StoredState:
-        """State of the parent run at the tick where its branches begin.
-
-        Raises:
-            InputRefused: a component cannot save its state.
-        """
+        """State of the parent run at the tick where its branches begin."""
         if self._saved is None:
             raise InputRefused(f"{self._recording}: this run has no state: {'; '.join(self.lacking)}")
         return self._pack_state(self._saved)
 
     @contextmanager
     def hand_over(self, branched: Experiment) -> Iterator[StoredState]:
-        """Yield the start state of one branch; live components in it are freed when the block ends.
-
-        Args:
-            branched: experiment of the branch.
-
-        Raises:
-            InputRefused: a third-party part differs from the parent run's.
-            ComponentFailed: a component failed before the tick.
-        """
+        """Yield the start state of one branch; live components in it are freed when the block ends."""
         for role in {**self._experiment.stand_ins, **branched.stand_ins}:
             if self._experiment.stand_ins.get(role) != branched.stand_ins.get(role):
                 raise InputRefused(
@@ -83,10 +70,7 @@ class BranchPoint:
             yield self._pack_state(self._state_at_tick(assembly), alive)
 
     def _state_at_tick(self, assembly: Assembly, nearest: StoredState | None = None) -> SavedState:
-        """Simulate the parent run up to the branch tick, and return its state.
-
-        The simulation starts from the state `nearest`, or from the beginning.
-        """
+        """Simulate the parent run from the state `nearest`, or the start, to the branch tick; return its state."""
         experiment = self._experiment
         lasting: dict[str, Observer] = run_observers(experiment, assembly)._asdict() | {"recorder": EventLog()}
         observers = [*lasting.values(), _TickStop(self._tick)]

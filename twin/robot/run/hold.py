@@ -89,7 +89,6 @@ class HeldForces:
         task: task number, from 1.
         kind: press, tap, roll or push.
         force: requested force (N).
-        taps: number of taps.
         least, largest: extremes of the force while held, or of the peaks of taps (N).
         begin, end: times of the first and last held row (s).
         error, mean_error: rms and mean of the force minus its reference while held (N); None for taps.
@@ -137,12 +136,7 @@ def signal_columns(layout: RowLayout, name: str, size: int) -> NDArray[np.int64]
 
 
 class HoldSums:
-    """The sums behind the measures of a held force, bit-identical however the rows are sliced.
-
-    Args:
-        layout: column layout of the rows.
-        request: force references of the experiment.
-    """
+    """The sums behind the measures of a held force, bit-identical however the rows are sliced."""
 
     def __init__(self, layout: RowLayout, request: HoldRequest):
         self._tick, dt = layout.tick, layout.tick * request.every
@@ -197,10 +191,7 @@ class HoldSums:
 
     @property
     def settling(self) -> float | None:
-        """Settling time of the force (s); None if it is outside its band when the first hold ends.
-
-        Also None if the force was never held.
-        """
+        """Settling time of the force (s); None if never held, or outside its band when the first hold ends."""
         m = self._memory[0]
         if not m["count"]:
             return None

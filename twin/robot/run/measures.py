@@ -299,7 +299,6 @@ def compute_measures(hold: "HoldSums", run: RunOutcome) -> dict[str, MeasuredVal
 
 
 def _no_hold(hold: "HoldSums", run: RunOutcome) -> str:
-    """Return the reason why no force was held."""
     forces = hold.request.forces
     if not hold.request.force_loop:
         return NO_FORCE_LOOP

@@ -31,7 +31,6 @@ class Tally(Observer):
 
     Args:
         system: layout of the rows, with the plant and controller of `twin.robot.assembly`.
-        request: force references of the experiment.
     """
 
     lasting = (

@@ -93,7 +93,12 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
         if plan.system is not None
     }  # fmt: skip
     fmus |= {role: json.dumps(part.metadata) for role, part in assembly.third_party.items() if part.fmu}
-    classes = {role: json.dumps(part.metadata) for role, part in assembly.third_party.items() if not part.fmu}
+    optional = {
+        "python": {role: json.dumps(part.metadata) for role, part in assembly.third_party.items() if not part.fmu},
+        "part": {role: part.sentence for role, part in assembly.third_party.items()},
+        "substituted": assembly.substituted,
+        "phases": {str(kind.value): kind.phrase for kind in PhaseKind} if experiment.tasks else {},
+    }
     values = without_folders(experiment.values)
     if "controller" in assembly.substituted:
         # the gains of a replaced controller did not act
@@ -103,14 +108,7 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
         # sorted because the same experiment may be spread over files in many ways
         "origins": dict(sorted(experiment.origins.items())),
         "fmu": fmus,
-        **({"python": classes} if classes else {}),
-        **(
-            {"part": {role: part.sentence for role, part in assembly.third_party.items()}}
-            if assembly.third_party
-            else {}
-        ),
-        **({"substituted": assembly.substituted} if assembly.substituted else {}),
-        **({"phases": {str(kind.value): kind.phrase for kind in PhaseKind}} if experiment.tasks else {}),
+        **{name: facts for name, facts in optional.items() if facts},
         "versions": versions(),
     }
 
@@ -167,8 +165,6 @@ def fast_pole_remedy(experiment: Experiment) -> str:
 
 def fastest_pole(experiment: Experiment) -> float:
     """Compute the largest |eigenvalue| (1/s) of the plant linearised at rest; inf if it is not finite.
-
-    The plant is at its start, once in the air and once pressed into the surface.
 
     The plant is at rest, once in the air and once pressed into the surface.
     """
@@ -360,13 +356,10 @@ def _describe_drive(plan: DrivePlan) -> str:
 
 
 def _with_remedy(experiment: Experiment, simulation: Simulation, assembly: Assembly, what: str) -> ComponentFailed:
-    """Return the error of a failed component with a suggested remedy."""
     sentences = [what]
-    culprits = dict(zip(("drive_1", "drive_2", "drive_3"), assembly.drives, strict=True)) | {
-        "drive": assembly.drives[0]
-    }
-    known = {component.name: component for component in simulation.system.components}
-    given = simulation.inputs(known[simulation.culprit])
+    culprits = {f"drive_{number}": plan for number, plan in enumerate(assembly.drives, start=1)}
+    culprits["drive"] = assembly.drives[0]
+    given = simulation.inputs(simulation.system.component(simulation.culprit))
     # an encoder can only fail because of its inputs
     if simulation.culprit in ("plant", "encoder") or not np.isfinite(given).all():
         hint = fast_pole_remedy(experiment)

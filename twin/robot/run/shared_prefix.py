@@ -59,14 +59,10 @@ class SharedPrefix:
 
     Args:
         experiment: experiment of the prefix; its faults never act, see `prefix_experiment`.
-        observers: observers of the prefix.
         share: False to make every run from the start, for comparison.
 
     Attributes:
         lacking: reason why runs begin at the start; "" if they share the prefix.
-
-    Raises:
-        InputRefused: a part of the robot does not fit.
     """
 
     def __init__(self, experiment: Experiment, observers: Sequence[Observer] = (), share: bool = True):
@@ -98,13 +94,9 @@ class SharedPrefix:
         Args:
             experiment: differs from the prefix in faults, scheduled changes and duration only.
             tick: first tick that may differ.
-            observers: observers of the run; `begin` sees the restored state, or tick 0 of a run from the start.
 
         Returns:
             The simulation. Its component memory is valid until the next run.
-
-        Raises:
-            InputRefused: a part of the robot, or a fault, does not fit.
         """
         if not self.lacking and self._assembly is None:
             self._make()
@@ -185,19 +177,12 @@ def simulate_variants(
     """Run a system several times, changed at tick `at` by a different function of `ways` each time.
 
     Args:
-        make: assembles the system.
-        at: tick of the change.
         last: tick of the last row.
-        only: signals to keep, see `Trace`.
         ways: functions that change the system at the beginning of tick `at`.
         watch: returns further observers of a system's run.
-        slice_ticks: see `simulate`.
 
     Returns:
         Per way the simulation and its trace; shorter on failure or if an observer stopped it.
-
-    Raises:
-        InputRefused: a part of the robot does not fit.
     """
     found = []
     for way in ways:

@@ -36,10 +36,7 @@ class Tuning(Observer):
         self._lock = threading.Lock()
 
     def values(self) -> dict[str, float]:
-        """Return every parameter that can be changed during the run, by experiment key, in the key's unit.
-
-        Pending requests are included.
-        """
+        """Return every tunable parameter by experiment key, in the key's unit, including pending requests."""
         with self._lock:
             return self._values | {key: number for key, (number, _) in self._asked.items()}
 

@@ -123,7 +123,6 @@ def outcome_of(run: RunView, request: HoldRequest) -> RunOutcome | None:
     """Compute the summary numbers of a recorded run; None if it has no true force.
 
     Args:
-        run: run with rows of the plant.
         request: force references of its experiment; `every` is ignored.
     """
     if "plant.F_ee_B" not in run.fields() or not len(run.time("plant")):

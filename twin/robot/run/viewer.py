@@ -26,7 +26,6 @@ class Viewer(Protocol):
 
         Args:
             streams: recorded streams, in the order of the recording.
-            scene: drawing of the robot.
             tick: duration of a tick (s).
             tuning: tunable parameters, usable by any thread until the run is over.
         """
@@ -37,7 +36,6 @@ class Viewer(Protocol):
         Args:
             first: tick of the first row.
             rows: system outputs, (n, width), overwritten by the next slice.
-            events: events within these rows.
         """
 
 
@@ -61,8 +59,6 @@ class Punctuality:
     Attributes:
         factor: requested simulated time per wall time.
         achieved: achieved simulated time per wall time.
-        deadlines: number of deadlines.
-        misses: number of missed deadlines.
         worst: longest delay of a missed deadline (s).
         jitter, jitter_99: standard deviation and 99th percentile of the wake-up delay after a deadline (s).
     """
@@ -102,10 +98,7 @@ class Pace(Observer):
         self.deadlines = Deadlines(self.tick_time, clock_functions())
 
     def slice_ticks(self, block: int) -> int:
-        """Return the length of a slice of a paced run in ticks: at least one, at most `SLICE_TIME`.
-
-        It divides `block`.
-        """
+        """Return the ticks of a slice of a paced run: a divisor of `block`, at most `SLICE_TIME` or one."""
         most = max(1, math.floor(SLICE_TIME / self.tick_time + 1e-9))
         return max(n for n in range(1, block + 1) if n <= most and block % n == 0)
 

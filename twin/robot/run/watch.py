@@ -39,19 +39,17 @@ class Watch(Observer):
             *(("controller.task", "controller.phase") if self._tasks else ("controller.triggered",)),
             "controller.F_z",
         )
-        # a third-party controller need not report these signals
-        known = all(assembly.system.has_output(name) for name in names)
-        self._watched = [assembly.system.columns(name).start for name in names] if known else []
+        self._watched = self._columns(*names)
         self._before = np.zeros(len(names) - 1)
-        of_touch = ("plant.F_ee_B", "controller.triggered")
-        self._of_touch = (
-            [assembly.system.columns(of_touch[0]).start + 2, assembly.system.columns(of_touch[1]).start]
-            if all(assembly.system.has_output(name) for name in of_touch)
-            else []
-        )
+        self._of_touch = self._columns("plant.F_ee_B", "controller.triggered")
         self._touched, self._early = False, -1
         self._monitor = own_monitor(assembly.system)
         self._tripped, self._power = False, True
+
+    def _columns(self, *names: str) -> list[int]:
+        """Return the first column of each signal; empty if a third-party controller does not report all of them."""
+        known = all(map(self._system.has_output, names))
+        return [self._system.columns(name).start for name in names] if known else []
 
     def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         if len(rows):
@@ -79,13 +77,11 @@ class Watch(Observer):
                 yield TickEvent(tick, "INFO", f"force control triggered at F_z = {F_z:.3f} N", "controller")
 
     def _false_trigger(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
-        """Yield a warning event when the force loop is switched on before the first true touch.
-
-        A second event is yielded at that touch.
-        """
+        """Yield a warning if the force loop is on before the first true touch, and another at that touch."""
         if self._touched or not self._of_touch:
             return
-        F_ee_z, on = rows[:, self._of_touch].T
+        F_ee, triggered_column = self._of_touch
+        F_ee_z, on = rows[:, F_ee + 2], rows[:, triggered_column]
         touching = np.flatnonzero(F_ee_z < 0.0)
         touch = int(touching[0]) if len(touching) else len(rows)
         triggered = np.flatnonzero(on[:touch])
@@ -141,15 +137,7 @@ class Watch(Observer):
 
 
 class RunObservers(NamedTuple):
-    """The stateful observers of every run: changes by hand, events, outcome.
-
-    A saved state holds them by name, with the recorder.
-
-    Attributes:
-        tuning: changes by hand.
-        watch: events of monitor and tasks.
-        tally: outcome, and pressing force of each task.
-    """
+    """The stateful observers of every run: changes by hand, events, outcome; saved states have them by name."""
 
     tuning: Tuning
     watch: Watch

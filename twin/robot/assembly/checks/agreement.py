@@ -18,7 +18,6 @@ def disagreements(tables: Tables, reference: WayPoints | None, named: Collection
     """Return an error message for each conflict between tables of an experiment that are valid by themselves.
 
     Args:
-        tables: valid tables of the experiment.
         reference: its waypoints; None if they are invalid.
         named: names of all tables in the file, valid or not.
     """
@@ -74,10 +73,7 @@ def _surface_motion_conflicts(tables: Tables, named: Collection[str]) -> list[st
 
 
 def _mode_errors(checked: Mapping[str, Any], named: Collection[str]) -> list[str]:
-    """Return error messages for tables that are missing or superfluous in the experiment's mode.
-
-    The mode is waypoints or tasks, and position or force control.
-    """
+    """Return error messages for tables missing or superfluous for waypoints or tasks, position or force control."""
     has_tasks = "task" in named
     if has_tasks == ("reference" in named):
         return ["expected either [reference] with way points or [[task]] tables" + (", not both" if has_tasks else "")]
@@ -87,11 +83,6 @@ def _mode_errors(checked: Mapping[str, Any], named: Collection[str]) -> list[str
     if computer.force is None:
         # third-party, with its own modes and gains
         return ["missing table [approach], which tasks need"] if has_tasks and "approach" not in named else []
-    force = {
-        "reference_N": computer.force.reference,
-        "trigger_N": computer.force.trigger,
-        "trigger_time_s": computer.force.trigger_time,
-    }
     if not has_tasks:
         missing = computer.mode == "force_position" and computer.force.reference is None
         return ["[controller.force] missing key 'reference_N'"] if missing else []
@@ -103,7 +94,7 @@ def _mode_errors(checked: Mapping[str, Any], named: Collection[str]) -> list[str
         mistakes.append(f'[controller] mode = "{computer.mode}": tasks press; expected "force_position"')
     mistakes += [
         f"[controller.force] {key}: tasks have a force of their own and feel contact by [controller.touch]; remove it"
-        for key, value in force.items()
-        if value is not None
+        for name, key in (("reference", "reference_N"), ("trigger", "trigger_N"), ("trigger_time", "trigger_time_s"))
+        if getattr(computer.force, name) is not None
     ]
     return mistakes

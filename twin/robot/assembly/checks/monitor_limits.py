@@ -114,10 +114,7 @@ def _resolution_limits(one_count: Resolution, share: float) -> list[tuple[str, s
 
 
 def _retraction_contradictions(monitor: Monitor, belief: MonitorBelief) -> list[str]:
-    """Return an error if the safety monitor's retraction does not raise the platform.
-
-    Checked around the top and the bottom of the workspace.
-    """
+    """Return an error if the retraction does not raise the platform at top and bottom of the workspace."""
     for z in (monitor.z_max, monitor.z_min):
         for angle in range(0, 360, 30):
             x = monitor.workspace_radius * math.cos(math.radians(angle))

@@ -229,38 +229,26 @@ def _velocities(
 def _monitor_errors(
     monitor: Monitor, approach: Approach, task: Task, path: NDArray[np.float64], lowest: float, depth: float
 ) -> Iterator[str]:
-    if task.force >= monitor.force_limit:
-        yield f"force_N = {task.force:g}: [monitor] force_limit_N = {monitor.force_limit:g} would trip"
-    radii = np.hypot(*path.T)
-    if radii.max() >= monitor.workspace_radius:
-        x, y = path[radii.argmax()]
-        yield (
-            f"({1e3 * x:.1f}, {1e3 * y:.1f}) mm is {1e3 * radii.max():.1f} mm from the axis; "
-            f"[monitor] workspace_radius_mm = {1e3 * monitor.workspace_radius:g} would trip"
-        )
-    if lowest <= monitor.z_min:
-        yield (f"presses down to z = {1e3 * lowest:.1f} mm; [monitor] z_min_mm = {1e3 * monitor.z_min:g} would trip")
-    if approach.height >= monitor.z_max:
-        yield (
-            f"[approach] height_mm = {1e3 * approach.height:g}: [monitor] z_max_mm = {1e3 * monitor.z_max:g} would trip"
-        )
-    if depth >= monitor.penetration_limit:
-        yield (
-            f"force_N = {task.force:g} needs {1e3 * depth:.1f} mm of depth on this body; "
-            f"[monitor] penetration_limit_mm = {1e3 * monitor.penetration_limit:g} would trip"
-        )
-    fastest = _working_speed(task)
-    if fastest >= monitor.speed_limit:
-        yield (
-            f"moves at {1e3 * fastest:.0f} mm/s; "
-            f"[monitor] speed_limit_mm_per_s = {1e3 * monitor.speed_limit:g} would trip"
-        )
-    seconds = _contact_time(task)
-    if seconds >= monitor.contact_time_limit:
-        yield (
-            f"presses for {seconds:.1f} s without a pause; "
-            f"[monitor] contact_time_limit_s = {monitor.contact_time_limit:g} would trip"
-        )
+    radii, fastest, seconds = np.hypot(*path.T), _working_speed(task), _contact_time(task)
+    x, y = path[radii.argmax()]
+    limits = (
+        (task.force >= monitor.force_limit, f"force_N = {task.force:g}:", f"force_limit_N = {monitor.force_limit:g}"),
+        (radii.max() >= monitor.workspace_radius,
+         f"({1e3 * x:.1f}, {1e3 * y:.1f}) mm is {1e3 * radii.max():.1f} mm from the axis;",
+         f"workspace_radius_mm = {1e3 * monitor.workspace_radius:g}"),
+        (lowest <= monitor.z_min,
+         f"presses down to z = {1e3 * lowest:.1f} mm;", f"z_min_mm = {1e3 * monitor.z_min:g}"),
+        (approach.height >= monitor.z_max,
+         f"[approach] height_mm = {1e3 * approach.height:g}:", f"z_max_mm = {1e3 * monitor.z_max:g}"),
+        (depth >= monitor.penetration_limit,
+         f"force_N = {task.force:g} needs {1e3 * depth:.1f} mm of depth on this body;",
+         f"penetration_limit_mm = {1e3 * monitor.penetration_limit:g}"),
+        (fastest >= monitor.speed_limit,
+         f"moves at {1e3 * fastest:.0f} mm/s;", f"speed_limit_mm_per_s = {1e3 * monitor.speed_limit:g}"),
+        (seconds >= monitor.contact_time_limit, f"presses for {seconds:.1f} s without a pause;",
+         f"contact_time_limit_s = {monitor.contact_time_limit:g}"),
+    )  # fmt: skip
+    yield from (f"{motion} [monitor] {limit} would trip" for trips, motion, limit in limits if trips)
 
 
 def _working_speed(task: Task) -> float:
