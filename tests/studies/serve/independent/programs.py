@@ -1,4 +1,4 @@
-"""Compiled controller nodes that share nothing with twin but the robot's numbers: C with Cyclone DDS, C++ with Fast DDS.
+"""Controller nodes that share nothing with twin but the robot's numbers: C with Cyclone DDS, C++ with Fast DDS.
 
 They need cyclonedds-dev and libfastrtps-dev, which `.ci/run` installs.
 """
