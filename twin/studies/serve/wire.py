@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.delay import values_by_port
 from twin.kernel.cosim.histogram import Histogram
-from twin.kernel.cosim.port import width
+from twin.kernel.cosim.port import by_port, width
 from twin.kernel.process.mailbox import IGNORED_TAG, OBEYED_TAG, Mailbox, MailboxEntry
 from twin.kernel.process.real_time import real_time
 from twin.kernel.process.reporter import PipeReporter
@@ -36,6 +35,8 @@ COMMAND_TOPICS = {
 """Form of commands -> default topic and type."""
 QUEUE_DEPTH = 100
 """Number of messages that writers, and readers of commands, keep."""
+HANDLE_MASK = 2**64 - 1
+"""Mask that makes a DDS handle an unsigned number."""
 MAX_BLOCKING_TIME = 0.1
 """Maximum time (s) that a reliable writer waits for a slow reader."""
 SILENCE_TIMEOUT = 1.0
@@ -111,7 +112,10 @@ class Publishers:
     def is_obeyed(self, publisher: int) -> bool:
         """Whether a publisher that has just sent a command is the obeyed one."""
         now = time.monotonic()
-        if self.matched and publisher in self.matched[1:] and now - self._heard > SILENCE_TIMEOUT:
+        if publisher not in self.matched:
+            # within a process a message may come before its publisher is listed
+            self.update([*self.matched, publisher])
+        if publisher in self.matched[1:] and now - self._heard > SILENCE_TIMEOUT:
             silence = (
                 f"the publisher of commands was silent for {SILENCE_TIMEOUT:g} s; another one is obeyed from now on"
             )
@@ -147,7 +151,7 @@ class Wire:
 
         self.names, self._lockstep = list(settings["names"]), settings["lockstep"]
         self._counts = 2.0 * np.pi / np.repeat([settings["counts_m"], settings["counts_l"]], MOTOR_COUNT)
-        self._period = settings["period_ticks"] * settings["tick_s"]
+        self._tick = settings["tick_s"]
         self._has_effort, self._has_scale = settings["has_effort"], settings["has_scale"]
         topic, self.command_type = COMMAND_TOPICS[settings["commands"]]
         self.command_topic = settings["command_topic"] or topic
@@ -182,12 +186,11 @@ class Wire:
 
     def write_sample(self, stamp: int, entry: MailboxEntry) -> None:
         """Publish wrench, clock and joint states of a sample with the stamp `stamp` (ns)."""
-        values = values_by_port(SAMPLE_PORTS, entry.values)
+        values = by_port(SAMPLE_PORTS, entry.values)
         position = np.concatenate([values["count_m"], values["count_l"]]) * self._counts
         before, last = self._last or (entry.tick, position)
         ticks = entry.tick - before
-        # a sample that was lost doubles the time between two
-        velocity = (position - last) / (self._period * max(1, ticks)) if ticks else np.zeros(len(position))
+        velocity = (position - last) / (self._tick * ticks) if ticks else np.zeros(len(position))
         self._last = entry.tick, position
         self._sample = (
             messages.wrench(stamp, float(values["F_z"][0])) if self._has_scale else b"",
@@ -219,7 +222,7 @@ class Wire:
             if isinstance(one, RawMessage):
                 publisher = one.sample_info.publication_handle
                 if self.publishers.matched[:1] != [publisher]:
-                    self.publishers.update(self._reader.get_matched_publications())
+                    self._update_publishers()
                 command = messages.read_command(one.data, self.command_type, self.names[:MOTOR_COUNT])
                 found.append(ReceivedCommand(self.publishers.is_obeyed(publisher), command))
         return found
@@ -227,14 +230,14 @@ class Wire:
     @property
     def matched(self) -> bool:
         """Whether a reader of joint states and a writer of commands are connected."""
-        self.publishers.update(self._reader.get_matched_publications())
+        self._update_publishers()
         return bool(self.publishers.matched and self._joint_states.get_matched_subscriptions())
 
     def waiting_text(self) -> str:
         """Describe the missing controller: readers of joint states, writers of commands, and the topics that exist."""
         readers = self._joint_states.get_matched_subscriptions()
         ends = [self._joint_states.get_matched_subscription_data(one) for one in readers]
-        writers = [self._reader.get_matched_publication_data(one) for one in self.publishers.matched]
+        writers = [self._reader.get_matched_publication_data(one) for one in self._reader.get_matched_publications()]
         own = {JOINT_STATES_TOPIC, APPLIED_TOPIC, WRENCH_TOPIC, CLOCK_TOPIC, self.command_topic}
         others = [f"{name} ({kind})" for name, kind in self._discovery.topic_types().items() if name not in own]
         return (
@@ -245,6 +248,10 @@ class Wire:
     def ends(self) -> dict[str, int]:
         """Return the numbers of present readers of joint states, and of writers of commands so far."""
         return {"readers": len(self._joint_states.get_matched_subscriptions()), "publishers": self.publishers.seen}
+
+    def _update_publishers(self) -> None:
+        # cyclonedds returns them as signed numbers here, and as unsigned ones with a message
+        self.publishers.update([one & HANDLE_MASK for one in self._reader.get_matched_publications()])
 
     def _write(self, writer: Any, data: bytes) -> None:
         from cyclonedds.core import DDSException
@@ -317,7 +324,7 @@ class FreeExchange:
             self._published.pop(next(iter(self._published)), None)
         if (arrived := self._arrived.pop(self._applied, None)) is not None:
             self._latency.add(1e-9 * (written - arrived))
-        speeds = values_by_port(SAMPLE_PORTS, entry.values)["omega_ref"]
+        speeds = by_port(SAMPLE_PORTS, entry.values)["omega_ref"]
         if entry.tag != self._applied or not np.array_equal(speeds, self._speeds, equal_nan=True):
             self._wire.write_applied(stamp, speeds)
         if entry.tag != self._applied:
@@ -390,8 +397,8 @@ def exchange(reporter: PipeReporter, settings: dict[str, Any]) -> dict[str, Any]
     Args:
         reporter: reporter of this process; its black box has the mailbox.
         settings: lockstep (bool), answer_s, names of motors and joints (6), commands ("joint" or "array"),
-            command_topic ("" for the default), domain (None for ROS_DOMAIN_ID), tick_s, period_ticks of the controller,
-            counts_m and counts_l per turn, has_effort, has_scale.
+            command_topic ("" for the default), domain (None for ROS_DOMAIN_ID), tick_s, counts_m and counts_l per turn,
+            has_effort, has_scale.
     """
     events = EventLog(reporter)
     wire = Wire(settings, events)
