@@ -58,15 +58,11 @@ def unread_count(ring, number):
 
 
 @njit(cache=True, nogil=True)
-def write_head(kernel, info, ring, values, number, tick, tag):
-    """Write the head of entry `number` with the present time, and return the address of its values.
-
-    Args:
-        kernel, info: see `monotonic_ns`.
-    """
+def write_head(ring, values, number, tick, time, tag):
+    """Write the head of entry `number`, and return the address of its values."""
     address = entry_address(ring, values, number)
     head = carray(_integers_at(address), HEAD_SIZE)
-    head[0], head[1], head[2], head[3] = number, tick, monotonic_ns(kernel, info), tag
+    head[0], head[1], head[2], head[3] = number, tick, time, tag
     return address + 8 * HEAD_SIZE
 
 
@@ -92,7 +88,7 @@ def wait_for_entry(kernel, ring, number, patience):
 @entry("nothing", "int", "int", "int", "int", "int", "int", "int", "doubles")
 def _put(kernel, info, ring, number, tick, tag, values, source):
     """Write entry `number` with `values` doubles from `source`."""
-    address = write_head(kernel, info, ring, values, number, tick, tag)
+    address = write_head(ring, values, number, tick, monotonic_ns(kernel, info), tag)
     there, given = carray(doubles_at(address), values), carray(source, values)
     for j in range(values):
         there[j] = given[j]
@@ -110,7 +106,7 @@ class MailboxEntry(NamedTuple):
     Attributes:
         number: consecutive number, from 1.
         tick: tick of a sample, or tick that a command answers; -1 for no tick.
-        time: time at which it was written (ns, monotonic clock).
+        time: time at which it was written, or deadline of a sample's tick (ns, monotonic clock).
         tag: tag of a command, see `OBEYED_TAG`; for a sample, the number of the last command that took effect.
         values: (n,), a copy.
     """

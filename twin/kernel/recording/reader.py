@@ -122,6 +122,8 @@ class Recording:
             f"{name} was substituted by {kind}: the experiment alone does not repeat this run"
             for name, kind in self.metadata.get("substituted", {}).items()
         ]
+        if "served" in self.metadata:
+            stated.append("a remote controller commanded the drives: the experiment alone does not repeat this run")
         if "changed" in self.metadata:
             stated.append("changed by hand while it ran: the experiment alone does not repeat this run")
         return tuple(escape_controls(text) for text in stated)

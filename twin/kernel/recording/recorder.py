@@ -156,6 +156,8 @@ class Recorder(EventLog):
     def finish(self) -> Path:
         """Finish the recording of the run and return its path."""
         began = time.perf_counter()
+        # empty unless an observer ended the run in the middle of a block
+        self._write_block()
         recording = self._writer.finish()
         self.writing += time.perf_counter() - began
         return recording

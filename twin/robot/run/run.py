@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.atomic_write import make_folder, write_json
-from twin.kernel.cosim.observers import ProgressObserver
+from twin.kernel.cosim.observers import Observer, ProgressObserver
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import SavedState
-from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.errors import ComponentFailed, EndRequest, InputRefused
 from twin.kernel.fmi.variable import FILE_PREFIX, to_json
 from twin.kernel.process.states import (
     RunStates,
@@ -44,7 +44,7 @@ from twin.robot.run.handover import BranchPoint
 from twin.robot.run.measures import with_units
 from twin.robot.run.outcome import HeldForces, RunOutcome
 from twin.robot.run.trace import streams_of
-from twin.robot.run.viewer import Pace, Punctuality, Viewer, ViewerObserver
+from twin.robot.run.viewer import Pace, Punctuality, RemoteSide, Viewer, ViewerObserver
 from twin.robot.run.watch import run_observers
 from twin.robot.scene import Scene
 
@@ -58,6 +58,8 @@ PRESSED_DEPTH = 1e-3
 """Depth (m) of the platform in the surface for the evaluation of the poles in contact."""
 SLICE_TICKS = BLOCK_TICKS
 SUMMARY_FILE = "summary.json"
+SERVED_KEY = "served"
+"""Metadata of a recording whose drives a remote controller commanded."""
 Report = Callable[[int, int], None]
 
 
@@ -261,6 +263,7 @@ def execute(
     factor: float | None = None,
     viewer: Viewer | None = None,
     state: StoredState | None = None,
+    remote: RemoteSide | None = None,
 ) -> Run:
     """Run an experiment and record it as run.mcap, with summary.json in the same folder.
 
@@ -274,6 +277,7 @@ def execute(
         factor: simulated time per wall time, > 0; None for as fast as possible. It leaves no trace in the recording.
         viewer: live viewer, which may change parameters during the run.
         state: state to continue from; None to begin at the start.
+        remote: remote controller that commands the drives; it may end the run early. None for the experiment's own.
 
     Raises:
         InputRefused: a drive FMU does not fit, or the state belongs to another run.
@@ -281,9 +285,10 @@ def execute(
         NotWritten: the disk is full; the rows so far stay as run.mcap.partial.
     """
     path = make_folder(Path(folder)) / RECORDING_FILE
-    with assemble(experiment, substitutes, maker, state.alive if state else {}) as assembly:
+    link = remote.link if remote else None
+    with assemble(experiment, substitutes, maker, state.alive if state else {}, link) as assembly:
         pace = Pace(factor, assembly.system.tick) if factor else None
-        run = _execute_and_record(experiment, assembly, path, progress, timed, pace, viewer, state)
+        run = _execute_and_record(experiment, assembly, path, progress, timed, pace, viewer, state, remote)
         summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}
         # in the summary only: the recording is shared, and paths of this machine are private
         summary["typed"] = experiment.typed
@@ -302,6 +307,7 @@ def _execute_and_record(
     pace: Pace | None,
     viewer: Viewer | None,
     state: StoredState | None,
+    remote: RemoteSide | None,
 ) -> Run:
     system, last_tick = assembly.system, experiment.duration_ticks
     # at rate "controller" no signal is recorded more often than the controller's period
@@ -309,6 +315,8 @@ def _execute_and_record(
     scene, own = Scene(experiment, system), run_observers(experiment, assembly)
     tuning = own.tuning
     topics, described = [stream.topic for stream in streams], provenance(experiment, assembly)
+    if remote:
+        topics, described[SERVED_KEY] = [*topics, *remote.topics], dict(remote.metadata)
     about, saved = identity(system, *_identity_parts(described)), state.saved_state if state else None
     if state and saved:
         if not state.branch:
@@ -320,7 +328,8 @@ def _execute_and_record(
         lasting = own._asdict() | {"recorder": recorder}
         asked = state_ticks(experiment.recording.states, experiment.recording.state_every, system.tick, last_tick)
         states = RunStates(asked, last_tick, system.tick, about, lasting)
-        observers = [*lasting.values(), ProgressObserver(progress, last_tick + 1)]
+        first = remote.observers(writer, pace.deadlines if pace else None) if remote else []
+        observers: list[Observer] = [*first, *lasting.values(), ProgressObserver(progress, last_tick + 1)]
         observers += [pace] if pace else []
         observers += [ViewerObserver(viewer, streams, scene, tuning)] if viewer else []
         slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS
@@ -330,12 +339,16 @@ def _execute_and_record(
         adopt = start_branch if branches else None
         done = simulate_saving(assembly, last_tick, observers, slice_ticks, states, saved, going_on, adopt, timed)
         tuning.close()
-        if done.failure:
+        end = last_tick if done.simulation.is_over else done.simulation.next_tick - 1
+        if remote and isinstance(done.failure, EndRequest) and done.simulation.culprit == "remote":
+            recorder.end(done.failure)
+            end = done.simulation.next_tick - 1
+        elif done.failure:
             raise _with_remedy(experiment, done.simulation, assembly, recorder.abandon(done.failure))
         recording = recorder.finish()
     return Run(
         recording=recording,
-        simulated=(last_tick - (saved.tick if saved else 0)) * system.tick,
+        simulated=(end - (saved.tick if saved else 0)) * system.tick,
         stepping=done.stepping,
         writing=recorder.writing,
         events=tuple((event.tick * system.tick, event.level, event.text) for event in recorder.events),

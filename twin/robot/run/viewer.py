@@ -1,7 +1,7 @@
 """Live viewer of a running simulation, and real-time pacing of a run."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,7 +10,10 @@ import numpy as np
 from twin.kernel.cosim.deadlines import Deadlines, clock_functions
 from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.recording.messages import Topic
 from twin.kernel.recording.recorder import RowStream
+from twin.kernel.recording.writer import Writer
+from twin.robot.remote import RemoteLink
 from twin.robot.run.tuning import Tuning
 from twin.robot.scene import Scene
 
@@ -38,6 +41,28 @@ class Viewer(Protocol):
             first: tick of the first row.
             rows: system outputs, (n, width), overwritten by the next slice.
             events: events within these rows.
+        """
+
+
+class RemoteSide(Protocol):
+    """Interface of the remote side of a served run.
+
+    Attributes:
+        link: link to the remote controller.
+        topics: topics that it records.
+        metadata: facts about it for the recording.
+    """
+
+    link: RemoteLink
+    topics: Sequence[Topic]
+    metadata: Mapping[str, str]
+
+    def observers(self, writer: Writer, deadlines: Deadlines | None) -> Sequence[Observer]:
+        """Create the observers of a served run, called before those of the run itself.
+
+        Args:
+            writer: recording with `topics`.
+            deadlines: deadlines of the ticks; None in lockstep.
         """
 
 
