@@ -27,7 +27,8 @@ from twin.kernel.process.reporter import Reporter
 from twin.kernel.recording.folder import claim_run_folder, create_run_folder, discard_run_folder
 from twin.kernel.recording.messages import Field, Topic
 from twin.kernel.recording.writer import Writer
-from twin.robot.assembly.build import IN_PROCESS_MAKER, DriveMaker, have_effort, need_processes, planned_drives
+from twin.robot.assembly.assemble import IN_PROCESS_MAKER
+from twin.robot.assembly.build import DriveMaker, have_effort, need_processes, planned_drives
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.differences import robot_values
 from twin.robot.experiment.experiment import Experiment
