@@ -136,5 +136,7 @@ def serve(
         done = run_recording_job(
             SERVE_JOB, arguments, display, isolate, limits, reported.collect_folders(display.on_note)
         )
+        if done["text"] and not as_json:
+            print(f"\n{done['text']}")
     if done["exit_code"]:
         raise SystemExit(done["exit_code"])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.atomic_write import make_folder, write_json
-from twin.kernel.cosim.observers import Observer, ProgressObserver
+from twin.kernel.cosim.observers import Observer, ProgressObserver, SimulationResult
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import SavedState
 from twin.kernel.errors import ComponentFailed, EndRequest, InputRefused
@@ -340,7 +340,8 @@ def _execute_and_record(
         done = simulate_saving(assembly, last_tick, observers, slice_ticks, states, saved, going_on, adopt, timed)
         tuning.close()
         end = last_tick if done.simulation.is_over else done.simulation.next_tick - 1
-        if remote and isinstance(done.failure, EndRequest) and done.simulation.culprit == "remote":
+        if _is_regular_end(done) and done.simulation.next_tick > 0:
+            assert isinstance(done.failure, EndRequest)
             recorder.end(done.failure)
             end = done.simulation.next_tick - 1
         elif done.failure:
@@ -362,6 +363,11 @@ def _execute_and_record(
         parts={role: part.sentence for role, part in assembly.third_party.items()},
         held=own.tally.held_forces,
     )
+
+
+def _is_regular_end(done: SimulationResult) -> bool:
+    """Whether a remote controller ended the run, rather than a failure or a drive's own request."""
+    return isinstance(done.failure, EndRequest) and done.simulation.culprit == "remote"
 
 
 def _describe_drive(plan: DrivePlan) -> str:

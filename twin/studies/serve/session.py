@@ -23,6 +23,7 @@ from twin.kernel.process.guard import POLL_INTERVAL, raise_failure
 from twin.kernel.process.job import JobLimits, recording_status
 from twin.kernel.process.mailbox import OBEYED_TAG, Mailbox, MailboxEntry
 from twin.kernel.process.process import GuardedProcess
+from twin.kernel.process.real_time import real_time
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.recording.folder import claim_run_folder, create_run_folder, discard_run_folder
 from twin.kernel.recording.messages import Field, Topic
@@ -139,8 +140,8 @@ class Wire:
             if "finished" in report:
                 self.summary = report["finished"]
         if self._process.gone and not self.summary:
-            how, printed = exit_phrase(self._process.end()), self._process.output_tail.strip().splitlines()
-            raise ComponentFailed(f"the process of the topics {how}" + (f"; it printed: {printed[-1]}" * bool(printed)))
+            how, (*_, printed) = exit_phrase(self._process.end()), ["", *self._process.output_tail.strip().splitlines()]
+            raise ComponentFailed(f"the process of the topics {how}{f'; it printed: {printed}' if printed else ''}")
 
     def finish(self) -> None:
         """End the exchange, and wait for its summary."""
@@ -223,11 +224,9 @@ class Exchange(Observer):
         failure = self._simulation.failure
         return str(failure) if isinstance(failure, EndRequest) and not self.enough else ""
 
-    def ready(self, tick: int) -> None:
-        """Take the reports of the wire."""
-        self._wire.poll()
-
     def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        # in lockstep the wire reports before it answers, so that events of this slice have arrived
+        self._wire.poll()
         last = max(first, first + len(rows) - 1)
         for tick, level, text in self._wire.events:
             events.append(TickEvent(min(max(tick, first), last) if tick >= 0 else last, level, text, "wire"))
@@ -287,7 +286,7 @@ def served_run(
         live: port and origins of a live server; None for none.
 
     Returns:
-        {"exit_code": 0, or 1 if a measure deviates from its baseline}.
+        {"text": comparison with the baseline, "" without one; "exit_code": 1 if a measure deviates, else 0}.
 
     Raises:
         InputRefused: the experiment has errors, no baseline, or the network is unusable.
@@ -322,6 +321,11 @@ def served_run(
             if not out:
                 discard_run_folder(folder)
             raise
+        except ComponentFailed:
+            # a wait before the first row that was ended by hand
+            if robot.exchange.enough:
+                raise KeyboardInterrupt from None
+            raise
         wire.finish()
     complete = not robot.exchange.enough and not robot.exchange.unanswered
     verdict = expected.compare(trace, run) if expected and trace and complete else None
@@ -334,7 +338,6 @@ def served_run(
     served = exchange_facts(robot, wire)
     facts["served"] = {"lines": exchange_lines(served), "facts": served}
     if verdict:
-        facts["served"]["lines"] += ["", *verdict["lines"]]
         facts["served"]["facts"] |= {"check": verdict["facts"]}
     reporter.note(run=facts)
     if robot.exchange.enough:
@@ -343,7 +346,7 @@ def served_run(
         raise ComponentFailed(f"{robot.exchange.unanswered}\n{recording_status(folder)}")
     if run.trip and not loaded.faults:
         raise SafetyTrip(f"{loaded.name}: {run.trip}")
-    return {"exit_code": verdict["exit_code"] if verdict else 0}
+    return {"text": verdict["text"], "exit_code": verdict["exit_code"]} if verdict else {"text": "", "exit_code": 0}
 
 
 def _execute(
@@ -360,6 +363,8 @@ def _execute(
     """Run and record the experiment with a remote controller, its drives in processes of their own if `apart`."""
     factor = None if options.lockstep else 1.0
     with ExitStack() as stack:
+        if not options.lockstep and (refused := stack.enter_context(real_time())):
+            say(refused)
         viewer = None
         maker: DriveMaker = IN_PROCESS_MAKER
         if live is not None:
@@ -448,7 +453,10 @@ class _Expected:
         self._baseline = stored_baseline(folder, file, self._drive)
 
     def compare(self, trace: Trace, run: Run) -> dict[str, Any]:
-        """Compare a completed run with the baseline. Return lines, facts and the exit code."""
+        """Compare a completed run with the baseline. Return text, facts and the exit code.
+
+        A measure that is undefined for this run deviates, since the baseline has a value.
+        """
         from twin.kernel.serialise import to_dict
         from twin.robot.mechanism.geometry import geometry_of
         from twin.studies.check.measurement import Signals, measure_signals
@@ -458,6 +466,10 @@ class _Expected:
 
         fmus = {fmu.path.name: fmu.sha256 for plan in planned_drives(self._experiment) for fmu in plan.parts.values()}
         signals = Signals(trace, geometry_of(self._experiment.controller.model), fmus)
-        found = verdict(self._experiment, self._drive, self._baseline, measure_signals(self._experiment, signals))
+        try:
+            measured = measure_signals(self._experiment, signals)
+        except InputRefused as undefined:
+            return {"text": f"Deviates: {undefined}", "facts": {"undefined": str(undefined)}, "exit_code": 1}
+        found = verdict(self._experiment, self._drive, self._baseline, measured)
         text = render_text(check_result([found], []))
-        return {"lines": text.splitlines(), "facts": to_dict([found]), "exit_code": int(bool(found.deviations))}
+        return {"text": text, "facts": to_dict(found), "exit_code": int(bool(found.deviations))}
