@@ -4,7 +4,6 @@ It runs in a process of its own and talks to the simulation by a mailbox. In rea
 until a sample is there and publishes it, the other sleeps until a command arrives. In lockstep see `lockstep`.
 """
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from threading import Thread
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.cosim.histogram import Histogram
-from twin.kernel.cosim.port import by_port, width
+from twin.kernel.cosim.port import port_slices, width
 from twin.kernel.process.mailbox import IGNORED_TAG, OBEYED_TAG, Mailbox, MailboxEntry
 from twin.kernel.process.real_time import real_time
 from twin.kernel.process.reporter import PipeReporter
@@ -23,7 +22,7 @@ from twin.robot.remote import COMMAND_PORTS, SAMPLE_PORTS
 from twin.studies.result import count_text
 from twin.studies.serve import messages
 from twin.studies.serve.lockstep import Lockstep
-from twin.studies.serve.messages import MOTOR_COUNT, MotorCommand
+from twin.studies.serve.messages import MOTOR_COUNT, MessageTemplate, MotorCommand
 
 JOINT_STATES_TOPIC, WRENCH_TOPIC, APPLIED_TOPIC, CLOCK_TOPIC = (
     "/joint_states", "/scale/wrench", "/commands_applied", "/clock",
@@ -49,6 +48,11 @@ REPORT_PERIOD = 1.0
 """Time (s) between two reports of a wait for a controller."""
 MAX_EVENTS = 100
 """Maximum number of recorded events per reason; later ones are only counted."""
+
+
+_PLACES = port_slices(SAMPLE_PORTS)
+"""Slices of a sample's values by port."""
+_COUNTS = slice(_PLACES["count_m"].start, _PLACES["count_l"].stop)
 
 
 class ReceivedCommand(NamedTuple):
@@ -101,11 +105,13 @@ class Publishers:
         self._events = events
         self.matched: list[int] = []
         self.seen = 0
-        self._heard = -math.inf
+        self._heard = 0.0
 
     def update(self, present: Sequence[int]) -> None:
         """Replace the present publishers; known ones keep their order."""
         new = [one for one in present if one not in self.matched]
+        if not self.matched:
+            self._heard = time.monotonic()
         self.matched = [one for one in self.matched if one in present] + new
         self.seen += len(new)
 
@@ -150,9 +156,18 @@ class Wire:
         from cyclonedds.util import duration
 
         self.names, self._lockstep = list(settings["names"]), settings["lockstep"]
-        self._counts = 2.0 * np.pi / np.repeat([settings["counts_m"], settings["counts_l"]], MOTOR_COUNT)
+        self._turns = 2.0 * np.pi / np.repeat([settings["counts_m"], settings["counts_l"]], MOTOR_COUNT)
         self._tick = settings["tick_s"]
-        self._has_effort, self._has_scale = settings["has_effort"], settings["has_scale"]
+        names, motors = self.names, self.names[:MOTOR_COUNT]
+        self._effort = np.full(len(names), np.nan)
+        self._joint_template = MessageTemplate(
+            lambda stamp, *arrays: messages.joint_state(stamp, names, *arrays),
+            len(names), len(names), len(names) if settings["has_effort"] else 0,
+        )  # fmt: skip
+        self._applied_template = MessageTemplate(
+            lambda stamp, speeds: messages.joint_state(stamp, motors, velocity=speeds), MOTOR_COUNT
+        )
+        self._wrench_template = MessageTemplate(lambda stamp, force: messages.wrench(stamp, -force[0]), 1)
         topic, self.command_type = COMMAND_TOPICS[settings["commands"]]
         self.command_topic = settings["command_topic"] or topic
         domain = settings["domain"]
@@ -171,7 +186,7 @@ class Wire:
 
         self._joint_states = writer(JOINT_STATES_TOPIC, messages.JOINT_STATE)
         self._applied = writer(APPLIED_TOPIC, messages.JOINT_STATE)
-        self._wrench = writer(WRENCH_TOPIC, messages.WRENCH) if self._has_scale else None
+        self._wrench = writer(WRENCH_TOPIC, messages.WRENCH) if settings["has_scale"] else None
         self._clock = writer(CLOCK_TOPIC, messages.CLOCK, Policy.History.KeepLast(1)) if self._lockstep else None
         wanted = Qos(reliable if self._lockstep else Policy.Reliability.BestEffort, volatile, kept)
         commands = raw_topic(self._participant, self.command_topic, self.command_type)
@@ -186,20 +201,18 @@ class Wire:
 
     def write_sample(self, stamp: int, entry: MailboxEntry) -> None:
         """Publish wrench, clock and joint states of a sample with the stamp `stamp` (ns)."""
-        values = by_port(SAMPLE_PORTS, entry.values)
-        position = np.concatenate([values["count_m"], values["count_l"]]) * self._counts
+        values = entry.values
+        position = values[_COUNTS] * self._turns
         before, last = self._last or (entry.tick, position)
         ticks = entry.tick - before
         velocity = (position - last) / (self._tick * ticks) if ticks else np.zeros(len(position))
         self._last = entry.tick, position
+        self._effort[:MOTOR_COUNT] = values[_PLACES["tau_motor"]]
         self._sample = (
-            messages.wrench(stamp, float(values["F_z"][0])) if self._has_scale else b"",
+            self._wrench_template.encode(stamp, -values[_PLACES["F_z"]]),
             messages.clock(stamp) if self._lockstep else b"",
-            messages.joint_state(
-                stamp, self.names, position, velocity,
-                np.concatenate([values["tau_motor"], np.full(MOTOR_COUNT, np.nan)]) if self._has_effort else (),
-            ),
-        )  # fmt: skip
+            self._joint_template.encode(stamp, position, velocity, self._effort),
+        )
         self.repeat_sample()
 
     def repeat_sample(self) -> None:
@@ -210,7 +223,7 @@ class Wire:
 
     def write_applied(self, stamp: int, speeds: NDArray[np.float64]) -> None:
         """Publish the motor speeds (rad/s) that are in effect from `stamp` (ns) on."""
-        self._write(self._applied, messages.joint_state(stamp, self.names[:MOTOR_COUNT], velocity=speeds))
+        self._write(self._applied, self._applied_template.encode(stamp, speeds))
 
     def receive(self, wait: float) -> list[ReceivedCommand]:
         """Return the commands received since the last call; wait up to `wait` (s) for the first one."""
@@ -324,7 +337,7 @@ class FreeExchange:
             self._published.pop(next(iter(self._published)), None)
         if (arrived := self._arrived.pop(self._applied, None)) is not None:
             self._latency.add(1e-9 * (written - arrived))
-        speeds = by_port(SAMPLE_PORTS, entry.values)["omega_ref"]
+        speeds = entry.values[_PLACES["omega_ref"]]
         if entry.tag != self._applied or not np.array_equal(speeds, self._speeds, equal_nan=True):
             self._wire.write_applied(stamp, speeds)
         if entry.tag != self._applied:
