@@ -328,10 +328,11 @@ class FreeExchange:
 
     def _publish(self, entry: MailboxEntry) -> None:
         stamp = entry.time + self._offset
+        self._samples += 1
+        # before an answer can come
+        self._published[stamp] = self._samples
         self._wire.write_sample(stamp, entry)
         written = time.monotonic_ns()
-        self._samples += 1
-        self._published[stamp] = self._samples
         if len(self._published) > MAX_PENDING:
             # the other thread may have removed it
             self._published.pop(next(iter(self._published)), None)
