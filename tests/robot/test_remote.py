@@ -104,8 +104,8 @@ def real_time(experiment: Experiment, link: RemoteLink, at: dict[int, list[float
         assert simulation.failure is None
         remote, monitor = assembly.system.component("remote"), own_monitor(assembly.system)
         assert isinstance(remote, RemoteController)
-        superseded = int(remote.memory["superseded"][0])
-        return Stepped(trace, remote.take_messages(), monitor.trip if monitor else None, superseded)
+        trip = monitor.trip if monitor else None
+        return Stepped(trace, remote.take_messages(), trip, remote.counts["superseded"])
 
 
 DOWN = [0.3, 0.3, 0.3]

@@ -161,7 +161,8 @@ def _read_commands(m):
                 continue
         else:
             m.distorted = 0
-        m.superseded += found == OBEYED_TAG
+        if found == OBEYED_TAG:
+            m.superseded = m.superseded + 1
         found, number, there = OBEYED_TAG, m.read, address + 8 * HEAD_SIZE
     if found == OBEYED_TAG:
         values = carray(doubles_at(there), _COMMAND_WIDTH)
@@ -280,6 +281,17 @@ class RemoteController(NativeComponent):
     def follow(self, deadlines: Deadlines) -> None:
         """Stamp the samples of a paced run with the deadlines of their ticks."""
         self.memory["deadlines"] = deadlines.address
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Numbers of samples and commands so far, and of commands replaced before a tick or not finite."""
+        m = self.memory[0]
+        return {
+            "samples_written": int(m["written"]),
+            "commands_read": int(m["read"]),
+            "superseded": int(m["superseded"]),
+            "invalid": int(m["invalid"]),
+        }
 
     def keep_time(self, clock: np.ndarray) -> None:
         self.memory["mark"] = clock.ctypes.data

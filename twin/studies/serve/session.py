@@ -171,10 +171,9 @@ class ServedRobot:
         watchdog = WATCHDOG_PERIODS * period if options.watchdog is None else options.watchdog
         self._wire, self._trace = wire, trace
         self.link = RemoteLink(wire.mailbox, options.lockstep, watchdog, options.silence, self._check)
-        self.topics = [COMMANDS_TOPIC]
-        mode = {"mode": "lockstep"} if options.lockstep else {"mode": "real time"}
+        self.topics: Sequence[Topic] = [COMMANDS_TOPIC]
         times = {} if options.lockstep else {"watchdog_s": f"{watchdog:g}", "silence_s": f"{options.silence:g}"}
-        self.metadata = mode | times
+        self.metadata: Mapping[str, str] = {"mode": "lockstep" if options.lockstep else "real time", **times}
 
     def observers(self, writer: Writer, deadlines: Deadlines | None) -> Sequence[Observer]:
         """Create the observers of the run."""
@@ -407,10 +406,7 @@ def wire_settings(experiment: Experiment, options: ServeOptions, effort: bool) -
 
 def exchange_facts(robot: ServedRobot, wire: Wire) -> dict[str, Any]:
     """Return the facts about the exchange of a served run for programs."""
-    memory = robot.exchange.remote.memory[0]
-    counts = {"samples_written": int(memory["written"]), "commands_read": int(memory["read"])}
-    counts |= {name: int(memory[name]) for name in ("superseded", "invalid")}
-    return {**robot.metadata, **counts, **wire.summary}
+    return {**robot.metadata, **robot.exchange.remote.counts, **wire.summary}
 
 
 def exchange_lines(facts: Mapping[str, Any]) -> list[str]:
