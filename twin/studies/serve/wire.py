@@ -309,22 +309,36 @@ class FreeExchange:
 
     def run(self) -> dict[str, Any]:
         """Exchange samples and commands until the run has ended; return the summary."""
-        receiver = Thread(target=self._receive, name="commands", daemon=True)
-        receiver.start()
-        with real_time(receiver.native_id) as refused:
-            reported = time.monotonic()
+        reported = time.monotonic()
+        threads = [
+            Thread(target=self._guarded, args=(step,), name=name, daemon=True)
+            for name, step in (("commands", self._receive), ("samples", self._publish_next))
+        ]
+        for one in threads:
+            one.start()
+        # existing threads get the higher priority; they are not pinned, since others of twin share the machine
+        with real_time() as refused:
             while not self._mailbox.closed and self._failure is None:
-                entry = self._mailbox.samples.pop(WAIT_TIMEOUT)
-                if entry is not None:
-                    self._publish(entry)
-                now = time.monotonic()
-                if not self._commands and now - reported > REPORT_PERIOD:
-                    reported = now
+                time.sleep(WAIT_TIMEOUT)
+                if not self._commands and time.monotonic() > reported + REPORT_PERIOD:
+                    reported = time.monotonic()
                     self._report(self._wire.waiting_text())
-        receiver.join(1.0)
+            for one in threads:
+                one.join(1.0)
         if self._failure is not None:
             raise self._failure
         return self._summary([refused] if refused else [])
+
+    def _guarded(self, step: Callable[[], None]) -> None:
+        try:
+            while not self._mailbox.closed:
+                step()
+        except BaseException as problem:
+            self._failure = problem
+
+    def _publish_next(self) -> None:
+        if (entry := self._mailbox.samples.pop(WAIT_TIMEOUT)) is not None:
+            self._publish(entry)
 
     def _publish(self, entry: MailboxEntry) -> None:
         stamp = entry.time + self._offset
@@ -351,12 +365,8 @@ class FreeExchange:
         self._speeds = speeds
 
     def _receive(self) -> None:
-        try:
-            while not self._mailbox.closed:
-                for one in self._wire.receive(WAIT_TIMEOUT):
-                    self._pass_on(one)
-        except BaseException as problem:
-            self._failure = problem
+        for one in self._wire.receive(WAIT_TIMEOUT):
+            self._pass_on(one)
 
     def _pass_on(self, received: ReceivedCommand) -> None:
         arrived, command = time.monotonic_ns(), received.command
