@@ -92,7 +92,8 @@ def test_in_real_time_commands_are_recorded_when_they_arrive(tmp_path: Path, tol
     assert facts["punctuality"]["deadlines"] > 300
     assert found.metadata["served"] == {"mode": "real time", "watchdog_s": "0.2", "silence_s": "0.05"}
     t = found.time("commands")
-    assert len(t) == facts["served"]["commands_read"] and (np.diff(t) > 0.0).all()
+    # the answer to the last sample comes after the last tick
+    assert len(t) - facts["served"]["commands_read"] in (0, 1) and (np.diff(t) > 0.0).all()
     # each answers a sample, so it comes later than its sample and is taken by the next tick of the controller or later
     assert t[0] > 0.0 and t[-1] <= 0.5
 

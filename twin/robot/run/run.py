@@ -3,6 +3,7 @@
 import json
 import shlex
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import SavedState
 from twin.kernel.errors import ComponentFailed, EndRequest, InputRefused
 from twin.kernel.fmi.variable import FILE_PREFIX, to_json
+from twin.kernel.process.real_time import share_priority
 from twin.kernel.process.states import (
     RunStates,
     StoredState,
@@ -44,7 +46,7 @@ from twin.robot.run.handover import BranchPoint
 from twin.robot.run.measures import with_units
 from twin.robot.run.outcome import HeldForces, RunOutcome
 from twin.robot.run.trace import streams_of
-from twin.robot.run.viewer import Pace, Punctuality, RemoteSide, Viewer, ViewerObserver
+from twin.robot.run.viewer import SERVED_SLICE_TIME, SLICE_TIME, Pace, Punctuality, RemoteSide, Viewer, ViewerObserver
 from twin.robot.run.watch import run_observers
 from twin.robot.scene import Scene
 
@@ -287,7 +289,8 @@ def execute(
     path = make_folder(Path(folder)) / RECORDING_FILE
     link = remote.link if remote else None
     with assemble(experiment, substitutes, maker, state.alive if state else {}, link) as assembly:
-        pace = Pace(factor, assembly.system.tick) if factor else None
+        slice_time = SERVED_SLICE_TIME if remote else SLICE_TIME
+        pace = Pace(factor, assembly.system.tick, slice_time) if factor else None
         run = _execute_and_record(experiment, assembly, path, progress, timed, pace, viewer, state, remote)
         summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}
         # in the summary only: the recording is shared, and paths of this machine are private
@@ -323,12 +326,16 @@ def _execute_and_record(
             refuse_other_run(saved, about, str(state.recording))
         scene.begin_at(saved.tick)
         described |= continuation_metadata(state)
-    with Writer(path, topics, system.tick, described, scene.forms) as writer:
-        recorder = Recorder(writer, streams, scene.drawings, lambda: tuning.first)
+    with Writer(path, topics, system.tick, described, scene.forms) as writer, ExitStack() as stack:
+        paced = pace is not None and remote is not None
+        recorder = Recorder(writer, streams, scene.drawings, lambda: tuning.first, background=paced)
+        stack.callback(recorder.stop)
+        if recorder.thread:
+            share_priority(recorder.thread.native_id or 0)
         lasting = own._asdict() | {"recorder": recorder}
         asked = state_ticks(experiment.recording.states, experiment.recording.state_every, system.tick, last_tick)
         states = RunStates(asked, last_tick, system.tick, about, lasting)
-        first = remote.observers(writer, pace.deadlines if pace else None) if remote else []
+        first = remote.observers(recorder, pace.deadlines if pace else None) if remote else []
         observers: list[Observer] = [*first, *lasting.values(), ProgressObserver(progress, last_tick + 1)]
         observers += [pace] if pace else []
         observers += [ViewerObserver(viewer, streams, scene, tuning)] if viewer else []

@@ -11,14 +11,14 @@ from twin.kernel.cosim.deadlines import Deadlines, clock_functions
 from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.recording.messages import Topic
-from twin.kernel.recording.recorder import RowStream
-from twin.kernel.recording.writer import Writer
+from twin.kernel.recording.recorder import Recorder, RowStream
 from twin.robot.remote import RemoteLink
 from twin.robot.run.tuning import Tuning
 from twin.robot.scene import Scene
 
-SLICE_TIME = 0.01
-"""Wall time (s) of a slice of a paced run: short for a user who turns a knob, long compared with its overhead."""
+SLICE_TIME, SERVED_SLICE_TIME = 0.01, 0.05
+"""Wall time (s) of a slice of a paced run: short for a user who turns a knob, long compared with its overhead. In a
+served run, whose samples the Python code between two slices may delay, it is longer."""
 
 
 class Viewer(Protocol):
@@ -57,11 +57,11 @@ class RemoteSide(Protocol):
     topics: Sequence[Topic]
     metadata: Mapping[str, str]
 
-    def observers(self, writer: Writer, deadlines: Deadlines | None) -> Sequence[Observer]:
+    def observers(self, recorder: Recorder, deadlines: Deadlines | None) -> Sequence[Observer]:
         """Create the observers of a served run, called before those of the run itself.
 
         Args:
-            writer: recording with `topics`.
+            recorder: recorder of the run, with `topics`.
             deadlines: deadlines of the ticks; None in lockstep.
         """
 
@@ -115,23 +115,24 @@ class Pace(Observer):
     Args:
         factor: simulated time per wall time, > 0.
         tick: duration of a tick (s).
+        slice_time: wall time of a slice (s).
 
     Attributes:
         tick_time: wall time of a tick (s).
         deadlines: deadlines of the ticks.
     """
 
-    def __init__(self, factor: float, tick: float):
-        self._factor = factor
+    def __init__(self, factor: float, tick: float, slice_time: float = SLICE_TIME):
+        self._factor, self._slice_time = factor, slice_time
         self.tick_time = tick / factor
         self.deadlines = Deadlines(self.tick_time, clock_functions())
 
     def slice_ticks(self, block: int) -> int:
-        """Return the length of a slice of a paced run in ticks: at least one, at most `SLICE_TIME`.
+        """Return the length of a slice of a paced run in ticks: at least one.
 
         It divides `block`.
         """
-        most = max(1, math.floor(SLICE_TIME / self.tick_time + 1e-9))
+        most = max(1, math.floor(self._slice_time / self.tick_time + 1e-9))
         return max(n for n in range(1, block + 1) if n <= most and block % n == 0)
 
     def begin(self, simulation: Simulation) -> None:

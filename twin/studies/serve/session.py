@@ -27,7 +27,7 @@ from twin.kernel.process.real_time import real_time
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.recording.folder import claim_run_folder, create_run_folder, discard_run_folder
 from twin.kernel.recording.messages import Field, Topic
-from twin.kernel.recording.writer import Writer
+from twin.kernel.recording.recorder import Recorder
 from twin.robot.assembly.assemble import IN_PROCESS_MAKER
 from twin.robot.assembly.build import DriveMaker, have_effort, need_processes, planned_drives
 from twin.robot.assembly.load import load_experiment
@@ -175,9 +175,9 @@ class ServedRobot:
         times = {} if options.lockstep else {"watchdog_s": f"{watchdog:g}", "silence_s": f"{options.silence:g}"}
         self.metadata: Mapping[str, str] = {"mode": "lockstep" if options.lockstep else "real time", **times}
 
-    def observers(self, writer: Writer, deadlines: Deadlines | None) -> Sequence[Observer]:
+    def observers(self, recorder: Recorder, deadlines: Deadlines | None) -> Sequence[Observer]:
         """Create the observers of the run."""
-        self.exchange = Exchange(self._wire, writer, deadlines)
+        self.exchange = Exchange(self._wire, recorder, deadlines)
         return [self.exchange, *([self._trace] if self._trace else [])]
 
     def _check(self) -> None:
@@ -191,7 +191,7 @@ class Exchange(Observer):
 
     Args:
         wire: process of the topics.
-        writer: recording with `COMMANDS_TOPIC`.
+        recorder: recorder of the run, with `COMMANDS_TOPIC`.
         deadlines: deadlines of the ticks; None in lockstep.
 
     Attributes:
@@ -201,8 +201,8 @@ class Exchange(Observer):
 
     enough = False
 
-    def __init__(self, wire: Wire, writer: Writer, deadlines: Deadlines | None):
-        self._wire, self._writer, self._deadlines = wire, writer, deadlines
+    def __init__(self, wire: Wire, recorder: Recorder, deadlines: Deadlines | None):
+        self._wire, self._recorder, self._deadlines = wire, recorder, deadlines
         self._newest, self._flushed = 0.0, 0
 
     def begin(self, simulation: Simulation) -> None:
@@ -234,7 +234,7 @@ class Exchange(Observer):
         self._record(self._wire.mailbox.commands.pop_all(), last)
         if self._simulation.next_tick - self._flushed >= round(FLUSH_INTERVAL / self._tick):
             self._flushed = self._simulation.next_tick
-            self._writer.flush()
+            self._recorder.call(lambda writer: writer.flush())
 
     def _record(self, commands: Sequence[MailboxEntry], last: int) -> None:
         """Record commands at their times of arrival; in lockstep at the ticks that they answer."""
@@ -250,7 +250,8 @@ class Exchange(Observer):
             self._newest = max(at, self._newest + _NANOSECOND_TICKS)
             ticks.append(self._newest)
             rows.append([*np.nan_to_num(one.values, nan=math.nan), one.number, one.tick, one.tag == OBEYED_TAG])
-        self._writer.write_at(COMMANDS_TOPIC.name, np.array(ticks), np.array(rows, dtype=float))
+        times, values = np.array(ticks), np.array(rows, dtype=float)
+        self._recorder.call(lambda writer: writer.write_at(COMMANDS_TOPIC.name, times, values))
 
     def _stop(self, number: int, frame: Any) -> None:
         if self.enough:
