@@ -1,6 +1,5 @@
 """Session of a served robot: the process of its topics, the run, both sides in one recording."""
 
-import math
 import signal
 import threading
 import time
@@ -38,6 +37,8 @@ from twin.robot.remote import COMMAND_PORTS, SAMPLE_PORTS, RemoteController, Rem
 from twin.robot.run.cost import refuse_endless
 from twin.robot.run.run import Run, execute
 from twin.robot.run.trace import Trace
+from twin.studies.check.baseline import OWN_DRIVE, Baseline, baseline_folder_of
+from twin.studies.check.job import stored_baseline
 
 WIRE_JOB = "twin.studies.serve.wire:exchange"
 WATCHDOG_PERIODS = 5.0
@@ -56,9 +57,9 @@ COMMANDS_TOPIC = Topic(
     ),
     1,
 )
-"""Recorded topic of the commands of a remote controller, at their times of arrival; in lockstep at their ticks."""
-_NANOSECOND_TICKS = 1e-6
-"""Distance (ticks of 1 ms) between recorded commands that arrive at one time."""
+"""Recorded topic of a remote controller's commands, at their times of arrival; in lockstep at the ticks they answer."""
+MIN_COMMAND_GAP = 1e-6
+"""Minimum distance (ticks) between recorded commands: 1 ns for a tick of 1 ms."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,7 @@ class ServeOptions:
         answer: time (s) without an answer after which a run in lockstep ends.
         commands: message type of commands: "joint" or "array".
         command_topic: topic of the commands; "" for the usual one of the type.
-        watchdog: time (s) without a command after which the speeds are 0; None for `WATCHDOG_PERIODS`, 0 for none.
-        silence: further time (s) after which the monitor trips; 0 for none.
+        watchdog, silence: see `RemoteLink`; a watchdog of None is `WATCHDOG_PERIODS`.
         names: joint names: motors 1 to 3, then links 1 to 3.
         domain: DDS domain; None for that of ROS_DOMAIN_ID.
     """
@@ -94,15 +94,13 @@ class Wire:
 
     Attributes:
         mailbox: mailbox shared with the process.
-        ready: whether the run may begin.
         events: events (tick, or -1 for the present one; level; text) to be recorded.
         summary: facts about the exchange, once the process has ended.
     """
 
     def __init__(self, say: Callable[[str], None]):
-        self._say, self._process = say, GuardedProcess(WIRE_JOB)
+        self._say, self._process, self._ready = say, GuardedProcess(WIRE_JOB), False
         self.mailbox = Mailbox(self._process.box.fd, width(SAMPLE_PORTS), width(COMMAND_PORTS))
-        self.ready = False
         self.events: list[tuple[int, Level, str]] = []
         self.summary: dict[str, Any] = {}
 
@@ -113,22 +111,13 @@ class Wire:
         self._process.close()
 
     def start(self, settings: Mapping[str, Any]) -> None:
-        """Start the exchange and wait until it is ready.
-
-        Raises:
-            InputRefused: the network is unusable.
-            KeyboardInterrupt: Ctrl-C.
-        """
+        """Start the exchange and wait until the run may begin."""
         self._process.start({"settings": dict(settings)})
-        while not self.ready:
+        while not self._ready:
             self.poll(POLL_INTERVAL)
 
     def poll(self, wait: float = 0.0) -> None:
-        """Take the reports of the process, after waiting at most `wait` (s) for one.
-
-        Raises:
-            TwinError: the process failed.
-        """
+        """Take the reports of the process, after waiting at most `wait` (s) for one; raise its error if it failed."""
         for report in self._process.reports(wait):
             raise_failure(report)
             note = report.get("note", {})
@@ -136,9 +125,8 @@ class Wire:
                 self._say(note["waiting"])
             if "event" in note:
                 self.events.append((note.get("tick", -1), note.get("level", "WARNING"), note["event"]))
-            self.ready |= bool(note.get("ready"))
-            if "finished" in report:
-                self.summary = report["finished"]
+            self._ready |= bool(note.get("ready"))
+            self.summary = report.get("finished", self.summary)
         if self._process.gone and not self.summary:
             how, (*_, printed) = exit_phrase(self._process.end()), ["", *self._process.output_tail.strip().splitlines()]
             raise ComponentFailed(f"the process of the topics {how}{f'; it printed: {printed}' if printed else ''}")
@@ -151,8 +139,10 @@ class Wire:
             self.poll(POLL_INTERVAL)
 
 
-class ServedRobot:
-    """Remote side of a served run, see `RemoteSide`.
+class ServedRobot(Observer):
+    """Remote side of a served run, see `RemoteSide`, and its observer: it records commands and events of the wire.
+
+    Ctrl-C and SIGTERM end the run regularly.
 
     Args:
         wire: process of the topics.
@@ -161,11 +151,10 @@ class ServedRobot:
         trace: observer that keeps the signals; None for none.
 
     Attributes:
-        link: link to the remote controller.
-        topics: recorded topics besides those of the run.
-        metadata: facts for the recording.
-        exchange: observer of the run.
+        enough: whether Ctrl-C or SIGTERM ended the run.
     """
+
+    enough = False
 
     def __init__(self, wire: Wire, options: ServeOptions, period: float, trace: Trace | None = None):
         watchdog = WATCHDOG_PERIODS * period if options.watchdog is None else options.watchdog
@@ -174,42 +163,18 @@ class ServedRobot:
         self.topics: Sequence[Topic] = [COMMANDS_TOPIC]
         times = {} if options.lockstep else {"watchdog_s": f"{watchdog:g}", "silence_s": f"{options.silence:g}"}
         self.metadata: Mapping[str, str] = {"mode": "lockstep" if options.lockstep else "real time", **times}
+        self._newest, self._flushed = 0.0, 0
 
     def observers(self, recorder: Recorder, deadlines: Deadlines | None) -> Sequence[Observer]:
-        """Create the observers of the run."""
-        self.exchange = Exchange(self._wire, recorder, deadlines)
-        return [self.exchange, *([self._trace] if self._trace else [])]
-
-    def _check(self) -> None:
-        self._wire.poll()
-        if self.exchange.enough:
-            raise EndRequest("waited for an answer when it was ended by hand")
-
-
-class Exchange(Observer):
-    """Observer of a served run: records commands and events of the wire, and ends the run on Ctrl-C or SIGTERM.
-
-    Args:
-        wire: process of the topics.
-        recorder: recorder of the run, with `COMMANDS_TOPIC`.
-        deadlines: deadlines of the ticks; None in lockstep.
-
-    Attributes:
-        enough: whether Ctrl-C or SIGTERM ended the run.
-        stopped_by: number of the signal.
-    """
-
-    enough = False
-
-    def __init__(self, wire: Wire, recorder: Recorder, deadlines: Deadlines | None):
-        self._wire, self._recorder, self._deadlines = wire, recorder, deadlines
-        self._newest, self._flushed = 0.0, 0
+        """Return the observers of the run."""
+        self._recorder, self._deadlines = recorder, deadlines
+        return [self, *([self._trace] if self._trace else [])]
 
     def begin(self, simulation: Simulation) -> None:
         self._simulation, self._tick = simulation, simulation.system.tick
         remote = simulation.system.component("remote")
         assert isinstance(remote, RemoteController)
-        self.remote = remote
+        self._remote = remote
         if self._deadlines:
             remote.follow(self._deadlines)
         # replaces the handlers of the run, which would leave the recording unfinished; the run restores the first ones
@@ -219,9 +184,14 @@ class Exchange(Observer):
 
     @property
     def unanswered(self) -> str:
-        """Why the run ended early: the component's end request; "" if it did not."""
+        """Error message of a run in lockstep that ended without an answer; "" for another end."""
         failure = self._simulation.failure
         return str(failure) if isinstance(failure, EndRequest) and not self.enough else ""
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Facts about the exchange: mode, counts of both sides."""
+        return {**self.metadata, **self._remote.counts, **self._wire.summary}
 
     def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         # in lockstep the wire reports before it answers, so that events of this slice have arrived
@@ -231,27 +201,29 @@ class Exchange(Observer):
             events.append(TickEvent(min(max(tick, first), last) if tick >= 0 else last, level, text, "wire"))
         self._wire.events.clear()
         events.sort(key=lambda event: event.tick)
-        self._record(self._wire.mailbox.commands.pop_all(), last)
+        if commands := self._wire.mailbox.commands.pop_all():
+            self._record(commands, last)
         if self._simulation.next_tick - self._flushed >= round(FLUSH_INTERVAL / self._tick):
             self._flushed = self._simulation.next_tick
             self._recorder.call(lambda writer: writer.flush())
 
     def _record(self, commands: Sequence[MailboxEntry], last: int) -> None:
-        """Record commands at their times of arrival; in lockstep at the ticks that they answer."""
-        if not commands:
-            return
-        ticks, rows = [], []
+        ticks = []
         for one in commands:
             at = float(one.tick if one.tick >= 0 else last)
             if self._deadlines:
                 pace = self._deadlines.memory[0]
                 at = (one.time - int(pace["begun"])) / float(pace["tick"])
-            # strictly ascending
-            self._newest = max(at, self._newest + _NANOSECOND_TICKS)
+            self._newest = max(at, self._newest + MIN_COMMAND_GAP)
             ticks.append(self._newest)
-            rows.append([*np.nan_to_num(one.values, nan=math.nan), one.number, one.tick, one.tag == OBEYED_TAG])
+        rows = [[*one.values, one.number, one.tick, one.tag == OBEYED_TAG] for one in commands]
         times, values = np.array(ticks), np.array(rows, dtype=float)
         self._recorder.call(lambda writer: writer.write_at(COMMANDS_TOPIC.name, times, values))
+
+    def _check(self) -> None:
+        self._wire.poll()
+        if self.enough:
+            raise EndRequest("waited for an answer when it was ended by hand")
 
     def _stop(self, number: int, frame: Any) -> None:
         if self.enough:
@@ -294,14 +266,12 @@ def served_run(
         SafetyTrip: the monitor tripped in an experiment without faults.
         KeyboardInterrupt: Ctrl-C; the recording is whole.
     """
-    asked = ServeOptions(**options)
-    loaded = load_experiment(Path(experiment), settings, drive, body)
+    asked, loaded = ServeOptions(**options), load_experiment(Path(experiment), settings, drive, body)
     if not sure:
         refuse_endless([loaded], None if asked.lockstep else 1.0)
-    file = Path(experiment)
-    # without a baseline nothing is served
-    expected = _Expected(file, loaded, drive, settings, body, baselines) if check else None
-    plans = planned_drives(loaded)
+    # a missing baseline is refused before anything is served
+    baseline = _baseline(Path(experiment), drive or OWN_DRIVE, baselines) if check else None
+    plans, trace = planned_drives(loaded), Trace() if check else None
 
     def say(text: str) -> None:
         reporter.note(line=text)
@@ -312,41 +282,38 @@ def served_run(
         folder = claim_run_folder(Path(out)) if out else create_run_folder(Path(results), loaded.name, datetime.now())
         folder = folder.absolute()
         reporter.note(experiment=loaded.name, folder=str(folder), duration=loaded.duration_ticks * loaded.cosim.tick)
-        trace = Trace() if expected else None
         robot = ServedRobot(wire, asked, loaded.controller_ticks * loaded.cosim.tick, trace)
         try:
-            apart = isolate_drives or need_processes(plans)
-            run = _execute(reporter, loaded, folder, robot, asked, apart, limit_step, live, say)
+            apart = limit_step if isolate_drives or need_processes(plans) else None
+            run = _execute(reporter, loaded, folder, robot, apart, live, say)
         except InputRefused:
             if not out:
                 discard_run_folder(folder)
             raise
         except ComponentFailed:
             # a wait before the first row that was ended by hand
-            if robot.exchange.enough:
+            if robot.enough:
                 raise KeyboardInterrupt from None
             raise
         wire.finish()
-    complete = not robot.exchange.enough and not robot.exchange.unanswered
-    verdict = expected.compare(trace, run) if expected and trace and complete else None
+    done: dict[str, Any] = {"text": "", "exit_code": 0}
+    served = robot.facts
+    if baseline and trace and not robot.enough and not robot.unanswered:
+        done, served["check"] = _compare(loaded, drive or OWN_DRIVE, baseline, trace)
     facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
     facts["robot_values"] = robot_values(loaded.values, loaded.origins)
     facts["remarks"] = [
         *([run.punctuality.sentence] if run.punctuality else []),
         *(["changed while it ran: the experiment's file alone does not repeat it"] if run.changed else []),
     ]
-    served = exchange_facts(robot, wire)
-    facts["served"] = {"lines": exchange_lines(served), "facts": served}
-    if verdict:
-        facts["served"]["facts"] |= {"check": verdict["facts"]}
-    reporter.note(run=facts)
-    if robot.exchange.enough:
+    reporter.note(run=facts | {"served": {"lines": exchange_lines(served), "facts": served}})
+    if robot.enough:
         raise KeyboardInterrupt
-    if robot.exchange.unanswered:
-        raise ComponentFailed(f"{robot.exchange.unanswered}\n{recording_status(folder)}")
+    if robot.unanswered:
+        raise ComponentFailed(f"{robot.unanswered}\n{recording_status(folder)}")
     if run.trip and not loaded.faults:
         raise SafetyTrip(f"{loaded.name}: {run.trip}")
-    return {"text": verdict["text"], "exit_code": verdict["exit_code"]} if verdict else {"text": "", "exit_code": 0}
+    return done
 
 
 def _execute(
@@ -354,33 +321,32 @@ def _execute(
     experiment: Experiment,
     folder: Path,
     robot: ServedRobot,
-    options: ServeOptions,
-    apart: bool,
-    limit_step: float,
+    apart: float | None,
     live: Mapping[str, Any] | None,
     say: Callable[[str], None],
 ) -> Run:
-    """Run and record the experiment with a remote controller, its drives in processes of their own if `apart`."""
-    factor = None if options.lockstep else 1.0
+    """Run and record the experiment.
+
+    Args:
+        apart: timeout (s) of a call into drives in processes of their own; None for drives in this process.
+    """
     with ExitStack() as stack:
-        if not options.lockstep and (refused := stack.enter_context(real_time())):
+        if not robot.link.lockstep and (refused := stack.enter_context(real_time())):
             say(refused)
         viewer = None
         maker: DriveMaker = IN_PROCESS_MAKER
         if live is not None:
-            viewer = stack.enter_context(
-                live_server(
-                    announce=lambda address: say(f"serving {address}; viewers may come and go"),
-                    warn=lambda refusal: say(f"refused: {refusal}"),
-                    waits=False,
-                    **live,
-                )
-            )
-        if apart:
+            server = live_server(
+                announce=lambda address: say(f"serving {address}; viewers may come and go"),
+                warn=lambda refusal: say(f"refused: {refusal}"), waits=False, **live,
+            )  # fmt: skip
+            viewer = stack.enter_context(server)
+        if apart is not None:
             # imported here, as its compiled code takes a while to load
             from twin.robot.assembly.isolated_drive import IsolatedDrives
 
-            maker = stack.enter_context(IsolatedDrives(reporter, limit_step))
+            maker = stack.enter_context(IsolatedDrives(reporter, apart))
+        factor = None if robot.link.lockstep else 1.0
         return execute(
             experiment, folder, reporter.progress, timed=True, maker=maker, factor=factor, viewer=viewer, remote=robot
         )
@@ -396,18 +362,11 @@ def wire_settings(experiment: Experiment, options: ServeOptions, effort: bool) -
         "command_topic": options.command_topic,
         "domain": options.domain,
         "tick_s": experiment.cosim.tick,
-        "period_ticks": experiment.controller_ticks,
         "counts_m": experiment.plant.motor_counts_per_turn,
         "counts_l": experiment.plant.joint_counts_per_turn,
         "has_effort": effort,
         "has_scale": experiment.scale is not None,
-        "scale_ticks": experiment.scale_ticks if experiment.scale is not None else 0,
     }
-
-
-def exchange_facts(robot: ServedRobot, wire: Wire) -> dict[str, Any]:
-    """Return the facts about the exchange of a served run for programs."""
-    return {**robot.metadata, **robot.exchange.remote.counts, **wire.summary}
 
 
 def exchange_lines(facts: Mapping[str, Any]) -> list[str]:
@@ -418,55 +377,37 @@ def exchange_lines(facts: Mapping[str, Any]) -> list[str]:
     counts += [f"{count} {reason}" for reason, count in facts.get("ignored", {}).items() if count]
     lines = [f"{facts['mode']}: {', '.join(counts)}"]
     if latency := facts.get("latency_ms"):
-        lines.append(
-            f"from a command to the next sample {latency['p50']:.2f} ms, {latency['p99']:.2f} ms at 99 %, at most "
-            f"{latency['largest']:.2f} ms"
-        )
+        p50, p99, largest = (latency[key] for key in ("p50", "p99", "largest"))
+        lines.append(f"from a command to the next sample {p50:.2f} ms, {p99:.2f} ms at 99 %, at most {largest:.2f} ms")
     return [*lines, *facts.get("notes", ())]
 
 
-class _Expected:
-    """The stored baseline of an experiment, to compare a served run with.
+def _baseline(experiment: Path, drive: str, folder: str | None) -> Baseline:
+    """Return the stored baseline of an experiment; refuse if there is none."""
+    from twin.robot.experiment.experiment_files import experiment_file
 
-    Raises:
-        InputRefused: settings or a body differ from the stored ones, or there is no baseline.
+    file = experiment_file(experiment)
+    return stored_baseline(Path(folder) if folder else baseline_folder_of(file, update=False), file, drive)
+
+
+def _compare(
+    experiment: Experiment, drive: str, baseline: Baseline, trace: Trace
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Compare a completed run with its baseline. Return (text and exit code, facts).
+
+    A measure that is undefined for this run deviates, since the baseline has a value.
     """
+    from twin.kernel.serialise import to_dict
+    from twin.robot.mechanism.geometry import geometry_of
+    from twin.studies.check.measurement import Signals, measure_signals
+    from twin.studies.check.text import check_result
+    from twin.studies.check.verdict import verdict
+    from twin.studies.result import render_text
 
-    def __init__(
-        self,
-        file: Path,
-        experiment: Experiment,
-        drive: str | None,
-        settings: Sequence[str],
-        body: str | None,
-        baselines: str | None,
-    ):
-        from twin.robot.experiment.experiment_files import experiment_file
-        from twin.studies.check.baseline import OWN_DRIVE, baseline_folder_of
-        from twin.studies.check.job import stored_baseline
-
-        self._experiment, self._drive, file = experiment, drive or OWN_DRIVE, experiment_file(file)
-        folder = Path(baselines) if baselines else baseline_folder_of(file, update=False)
-        self._baseline = stored_baseline(folder, file, self._drive)
-
-    def compare(self, trace: Trace, run: Run) -> dict[str, Any]:
-        """Compare a completed run with the baseline. Return text, facts and the exit code.
-
-        A measure that is undefined for this run deviates, since the baseline has a value.
-        """
-        from twin.kernel.serialise import to_dict
-        from twin.robot.mechanism.geometry import geometry_of
-        from twin.studies.check.measurement import Signals, measure_signals
-        from twin.studies.check.text import check_result
-        from twin.studies.check.verdict import verdict
-        from twin.studies.result import render_text
-
-        fmus = {fmu.path.name: fmu.sha256 for plan in planned_drives(self._experiment) for fmu in plan.parts.values()}
-        signals = Signals(trace, geometry_of(self._experiment.controller.model), fmus)
-        try:
-            measured = measure_signals(self._experiment, signals)
-        except InputRefused as undefined:
-            return {"text": f"Deviates: {undefined}", "facts": {"undefined": str(undefined)}, "exit_code": 1}
-        found = verdict(self._experiment, self._drive, self._baseline, measured)
-        text = render_text(check_result([found], []))
-        return {"text": text, "facts": to_dict(found), "exit_code": int(bool(found.deviations))}
+    fmus = {fmu.path.name: fmu.sha256 for plan in planned_drives(experiment) for fmu in plan.parts.values()}
+    signals = Signals(trace, geometry_of(experiment.controller.model), fmus)
+    try:
+        found = verdict(experiment, drive, baseline, measure_signals(experiment, signals))
+    except InputRefused as undefined:
+        return {"text": f"Deviates: {undefined}", "exit_code": 1}, {"undefined": str(undefined)}
+    return {"text": render_text(check_result([found], [])), "exit_code": int(bool(found.deviations))}, to_dict(found)
