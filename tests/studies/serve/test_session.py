@@ -14,7 +14,6 @@ import pytest
 
 from tests.command_line import Done, twin
 from tests.studies.serve import answers
-from twin.kernel.process.guard import JobFailure
 from twin.kernel.recording.reader import last_time, read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import run_in_memory
@@ -131,7 +130,7 @@ def test_a_supervisor_does_not_take_a_wait_for_a_hang(tmp_path: Path, told: Any,
     done = process(tmp_path, *words)
     out, said = done.communicate(timeout=120)
     assert done.returncode == 0, said
-    assert issubclass(JobFailure, Exception) and "201 samples" in out
+    assert "201 samples" in out
 
 
 def process(tmp_path: Path, *words: object) -> "subprocess.Popen[str]":

@@ -3,6 +3,7 @@
 import json
 import sys
 import time
+import tomllib
 from pathlib import Path
 from subprocess import Popen
 
@@ -15,7 +16,14 @@ from tests.studies.shadow.conftest import Start
 from tests.studies.shadow.test_live import ended
 from twin.kernel.recording.reader import read
 
-PLAYER, MAP = Path(__file__).with_name("player.py"), ROOT / "examples" / "served_robot.toml"
+PLAYER = Path(__file__).with_name("player.py")
+MAPS = [
+    word
+    for signal, column in tomllib.loads((ROOT / "examples" / "served_robot.toml").read_text()).items()
+    if not signal.startswith(("scale", "drive"))
+    for word in ("--map", f"{signal}={column}")
+]
+"""The player has neither a scale nor torques."""
 pytestmark = pytest.mark.slow
 
 
@@ -40,7 +48,7 @@ def moving(start: Start, robot: Path, domain: int, seconds: float, *options: str
 def twin_of(start: Start, seconds: float, out: Path) -> Popen[str]:
     """A session of so many seconds."""
     words = [sys.executable, "-m", "twin", "shadow", FIG4, "--source", "ros2:/joint_states"]
-    return start(*words, "--map", MAP, "--duration-s", seconds, "--json", "--out", out)
+    return start(*words, *MAPS, "--duration-s", seconds, "--json", "--out", out)
 
 
 def beside(start: Start, robot: Path, domain: int, out: Path, *options: str, seconds: float = 2.5) -> dict:

@@ -28,10 +28,6 @@ class RawMessage:
     def __init__(self, data: bytes):
         self.data = data
 
-    def serialize(self, **_: Any) -> bytes:
-        """Return the bytes of the message."""
-        return self.data
-
 
 def raw_topic(participant: Any, topic: str, kind: str) -> Any:
     """Create the DDS topic of a ROS 2 topic of type `kind`, whose readers return a `RawMessage` for each message."""
