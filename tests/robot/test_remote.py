@@ -215,3 +215,24 @@ def test_an_exception_ends_a_wait_in_lockstep_and_no_component_is_marked_meanwhi
             simulation.advance()
     assert marks == [NO_COMPONENT] * 3
     assert time.monotonic() - began < 30.0
+
+
+def test_a_fault_of_the_controllers_messages_is_one_of_the_remote_controllers(ends: tuple[Mailbox, Mailbox]):
+    late = "fault=[{kind='controller_overrun',magnitude_ms=10,onset_s=0.0}]"
+    run = real_time(shipped(FORCE, "duration_s=0.1", late), RemoteLink(ends[0]), {20: DOWN}, ends[1]).run
+    commanded, arriving = run.held("remote.omega_ref")[:, 0], run.held("fault/1.omega_ref")[:, 0]
+    assert np.flatnonzero(commanded)[0] == 20 and np.flatnonzero(arriving)[0] == 30
+
+
+def test_samples_have_what_a_robot_measures(ends: tuple[Mailbox, Mailbox]):
+    experiment = shipped(FORCE, "duration_s=0.05")
+    run = real_time(experiment, RemoteLink(ends[0]), {}, ends[1]).run
+    samples = ends[1].samples.pop_all()
+    assert [one.tick for one in samples] == list(range(0, 51, 2)) and len({one.tag for one in samples}) == 1
+    for one in samples:
+        measured = by_port(SAMPLE_PORTS, one.values)
+        np.testing.assert_array_equal(measured["count_m"], run.held("encoder.count_m")[one.tick])
+        assert measured["F_z"][0] == run.held("scale.F_z")[max(0, one.tick - 1)]
+        # torques at the end of the step before, in effect at this tick
+        torque = [run.held(f"drive/{n}.tau_motor")[one.tick] for n in (1, 2, 3)]
+        np.testing.assert_array_equal(measured["tau_motor"], torque)

@@ -122,12 +122,11 @@ class SharedRing:
     """A ring of entries in shared memory, with the position of one writer or reader.
 
     Args:
-        memory: its bytes.
+        memory: bytes of the ring.
         values: number of doubles of an entry.
 
     Attributes:
         address: address of the ring.
-        values: number of doubles of an entry.
         number: number of the last entry written or read here.
         lost: number of entries that were overwritten before they were read here.
     """
@@ -137,16 +136,9 @@ class SharedRing:
         self.address = memory.ctypes.data
         self.number = self.lost = 0
         self._kernel, self._info = syscall_numbers(), np.zeros(2, dtype=np.int64)
-        size = CAPACITY * (HEAD_SIZE + values)
-        entries = memory[_ENTRIES_OFFSET : _ENTRIES_OFFSET + 8 * size].view(np.int64)
-        self._heads = entries.reshape(CAPACITY, HEAD_SIZE + values)
-        self._values = entries.view(np.float64).reshape(CAPACITY, HEAD_SIZE + values)[:, HEAD_SIZE:]
+        entries = memory[_ENTRIES_OFFSET : ring_size(values)].view(np.int64).reshape(CAPACITY, HEAD_SIZE + values)
+        self._heads, self._values = entries[:, :HEAD_SIZE], entries.view(np.float64)[:, HEAD_SIZE:]
         self._count = memory[:4].view(np.int32)
-
-    @staticmethod
-    def size(values: int) -> int:
-        """Return the size of a ring (bytes) whose entries have `values` doubles."""
-        return _ENTRIES_OFFSET + 8 * CAPACITY * (HEAD_SIZE + values)
 
     @property
     def unread(self) -> int:
@@ -177,12 +169,17 @@ class SharedRing:
             self.lost, self.number = self.lost + behind, self.number + behind
         self.number += 1
         place = (self.number - 1) % CAPACITY
-        number, tick, written, tag = self._heads[place, :HEAD_SIZE].tolist()
+        number, tick, written, tag = self._heads[place].tolist()
         return MailboxEntry(number, tick, written, tag, self._values[place].copy())
 
     def pop_all(self) -> list[MailboxEntry]:
         """Read all entries of the ring that are there now, without waiting."""
         return [one for _ in range(self.unread) if (one := self.pop()) is not None]
+
+
+def ring_size(values: int) -> int:
+    """Return the size of a ring (bytes) whose entries have `values` doubles."""
+    return _ENTRIES_OFFSET + 8 * CAPACITY * (HEAD_SIZE + values)
 
 
 class Mailbox:
@@ -197,8 +194,8 @@ class Mailbox:
     """
 
     def __init__(self, fd: int, sample_values: int, command_values: int):
-        first, second = SharedRing.size(sample_values), SharedRing.size(command_values)
-        size = _RINGS_OFFSET + first + second
+        first = ring_size(sample_values)
+        size = _RINGS_OFFSET + first + ring_size(command_values)
         if os.fstat(fd).st_size < size:
             os.ftruncate(fd, size)
         # the array keeps the mapping alive
