@@ -65,6 +65,8 @@ def test_a_run_in_lockstep_is_recorded_with_both_sides(tmp_path: Path, told: Any
     assert [(e.time, e.text) for e in found.events if e.name == "wire"] == [(0.1, "a command of somebody else")]
     assert found.metadata["served"] == {"mode": "lockstep"}
     assert "a remote controller commanded the drives" in found.deviations[0]
+    again = twin("run", "--from", "run", cwd=tmp_path)
+    assert again.returncode == 2 and "a remote controller commanded its drives" in again.stderr
 
 
 def test_the_text_of_a_run_tells_of_the_exchange_and_the_wire_of_its_wait(tmp_path: Path, told: Any):

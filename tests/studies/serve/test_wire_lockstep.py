@@ -85,10 +85,10 @@ class Served:
         made: Any = wire
         protocol = Lockstep(
             made, Mailbox(self.notes.box, *sizes), EventLog(reporter), lambda text: self.notes.note(waiting=text),
-            lambda: self.notes.note(ready=True), TICK, stamped, answer,
+            TICK, stamped, answer,
         )  # fmt: skip
         self.summary: dict[str, Any] = {}
-        self._thread = Thread(target=lambda: self.summary.update(protocol.run()))
+        self._thread = Thread(target=lambda: self.summary.update(protocol.run(lambda: self.notes.note(ready=True))))
         self._thread.start()
 
     def ask(self, tick: int) -> MailboxEntry:

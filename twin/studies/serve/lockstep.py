@@ -41,7 +41,6 @@ class Lockstep:
         mailbox: the simulation.
         events: receives events.
         report: receives texts for the user while the controller is missing.
-        ready: called once both sides are connected.
         tick: duration of a tick (s).
         stamped: whether commands have stamps.
         answer_timeout: maximum time (s) without an answer to a sample.
@@ -53,20 +52,22 @@ class Lockstep:
         mailbox: Mailbox,
         events: "EventLog",
         report: Callable[[str], None],
-        ready: Callable[[], None],
         tick: float,
         stamped: bool,
         answer_timeout: float,
     ):
-        self._wire, self._mailbox, self._events, self._report, self._ready = wire, mailbox, events, report, ready
+        self._wire, self._mailbox, self._events, self._report = wire, mailbox, events, report
         self._tick_ns, self._stamped, self._answer_timeout = round(1e9 * tick), stamped, answer_timeout
         self._samples = self._commands = self._resent = 0
-        self._answered = -1
+        self._answered, self._reported = -1, 0.0
         self._deterministic = True
 
-    def run(self) -> dict[str, Any]:
-        """Connect, and exchange samples and commands until the run has ended; return the summary."""
-        self._connect()
+    def run(self, ready: Callable[[], None]) -> dict[str, Any]:
+        """Connect, call `ready`, and exchange samples and commands until the run has ended; return the summary."""
+        while not (self._wire.matched or self._mailbox.closed):
+            self._report_each_second(self._wire.waiting_text)
+            time.sleep(0.01)
+        ready()
         while not self._mailbox.closed:
             entry = self._mailbox.samples.pop(WAIT_TIMEOUT)
             if entry is None:
@@ -78,25 +79,13 @@ class Lockstep:
             "ignored": self._events.counts, **self._wire.ends(), "deterministic": self._deterministic, "notes": [],
         }  # fmt: skip
 
-    def _connect(self) -> None:
-        reported = 0.0
-        while not self._mailbox.closed:
-            if self._wire.matched:
-                self._ready()
-                return
-            now = time.monotonic()
-            if now - reported > REPORT_PERIOD:
-                reported = now
-                self._report(self._wire.waiting_text())
-            time.sleep(0.01)
-
     def _exchange(self, entry: MailboxEntry) -> bool:
         """Write a sample and wait for its answer; return whether the run continues."""
         stamp = START_STAMP + entry.tick * self._tick_ns
         self._drain()
         self._wire.write_sample(stamp, entry)
         self._samples += 1
-        begun = repeated = reported = time.monotonic()
+        begun = repeated = self._reported = time.monotonic()
         invalid = 0
         while not self._mailbox.closed:
             for received in self._wire.receive(WAIT_TIMEOUT):
@@ -122,10 +111,13 @@ class Lockstep:
             if now - repeated > REPEAT_PERIOD:
                 repeated = now
                 self._repeat()
-            if now - reported > REPORT_PERIOD:
-                reported = now
-                self._report(f"no answer to the sample of {1e-9 * stamp:.3f} s yet; {self._wire.waiting_text()}")
+            self._report_each_second(lambda: f"no answer at {1e-9 * stamp:.3f} s; {self._wire.waiting_text()}")
         return False
+
+    def _report_each_second(self, text: Callable[[], str]) -> None:
+        if time.monotonic() - self._reported > REPORT_PERIOD:
+            self._reported = time.monotonic()
+            self._report(text())
 
     def _ignored(self, received: "ReceivedCommand", stamp: int, tick: int) -> bool:
         """Whether a command is not the answer to the sample with the stamp `stamp` (ns); counts it."""

@@ -46,7 +46,7 @@ MAX_PENDING = 10_000
 """Maximum number of samples whose answers are awaited for the count of lost commands."""
 REPORT_PERIOD = 1.0
 """Time (s) between two reports of a wait for a controller."""
-MAX_EVENTS = 100
+MAX_EVENTS = 10
 """Maximum number of recorded events per reason; later ones are only counted."""
 
 
@@ -374,32 +374,31 @@ class FreeExchange:
         if obeyed != self._obeyed:
             # another node has a clock of its own
             self._obeyed, self._newest = obeyed, None
-        reason = self._refusal(received)
-        if not reason:
-            # before the simulation can have it
-            self._arrived[self._mailbox.commands.number + 1] = arrived
-        self._mailbox.commands.put(-1, command.speeds, IGNORED_TAG if reason else OBEYED_TAG)
-        if reason:
+        if self._refused(received):
+            self._mailbox.commands.put(-1, command.speeds, IGNORED_TAG)
             return
+        # before the simulation can have it
+        self._arrived[self._mailbox.commands.number + 1] = arrived
+        self._mailbox.commands.put(-1, command.speeds, OBEYED_TAG)
         self._commands += 1
         self._newest = command.stamp
         if command.stamp is not None and (sample := self._published.pop(command.stamp, 0)):
             self._answers += 1
             self._first, self._last = self._first or sample, max(self._last, sample)
 
-    def _refusal(self, received: ReceivedCommand) -> str:
+    def _refused(self, received: ReceivedCommand) -> bool:
+        """Whether a command is not obeyed; counts it."""
         command, topic = received.command, self._wire.command_topic
         if not received.obeyed:
             self._events.add("other publisher", f"{topic}: a second publisher; its command is not obeyed")
-            return "other publisher"
-        if command.mistake:
+        elif command.mistake:
             self._events.add("invalid", f"{topic}: {command.mistake}")
-            return "invalid"
-        if self._newest is not None and command.stamp is not None and command.stamp < self._newest:
+        elif self._newest is not None and command.stamp is not None and command.stamp < self._newest:
             late = 1e-6 * (self._newest - command.stamp)
             self._events.add("old", f"{topic}: a command {late:.3g} ms older than the newest was dropped")
-            return "old"
-        return ""
+        else:
+            return False
+        return True
 
     def _summary(self, notes: list[str]) -> dict[str, Any]:
         latencies = {
@@ -431,11 +430,10 @@ def exchange(reporter: PipeReporter, settings: dict[str, Any]) -> dict[str, Any]
     def report(text: str) -> None:
         reporter.note(waiting=text)
 
-    def ready() -> None:
-        reporter.note(ready=True)
-
     if settings["lockstep"]:
-        stamps = settings["tick_s"], settings["commands"] == "joint"
-        return Lockstep(wire, mailbox, events, report, ready, *stamps, settings["answer_s"]).run()
-    ready()
+        stamped = settings["commands"] == "joint"
+        return Lockstep(wire, mailbox, events, report, settings["tick_s"], stamped, settings["answer_s"]).run(
+            lambda: reporter.note(ready=True)
+        )
+    reporter.note(ready=True)
     return FreeExchange(wire, mailbox, events, report).run()
