@@ -63,7 +63,7 @@ def test_a_run_in_lockstep_is_recorded_with_both_sides(tmp_path: Path, told: Any
     assert found["commands.omega_ref"][ignored].tolist() == [[9.0] * 3]
     assert found.time("commands")[ignored] == pytest.approx(0.1)
     assert [(e.time, e.text) for e in found.events if e.name == "wire"] == [(0.1, "a command of somebody else")]
-    assert found.metadata["served"] == {"mode": "lockstep"}
+    assert found.metadata["served"] == {"mode": "lockstep", "irregular": "commands"} and found.complete
     assert "a remote controller commanded the drives" in found.deviations[0]
     again = twin("run", "--from", "run", cwd=tmp_path)
     assert again.returncode == 2 and "a remote controller commanded its drives" in again.stderr
@@ -91,7 +91,8 @@ def test_in_real_time_commands_are_recorded_when_they_arrive(tmp_path: Path, tol
     assert done.returncode == 0, done.stderr
     facts, found = json.loads(done.stdout), read(tmp_path / "run" / "run.mcap")
     assert facts["punctuality"]["deadlines"] > 300
-    assert found.metadata["served"] == {"mode": "real time", "watchdog_s": "0.2", "silence_s": "0.05"}
+    times = {"watchdog_s": "0.2", "silence_s": "0.05"}
+    assert found.metadata["served"] == {"mode": "real time", **times, "irregular": "commands"} and found.complete
     t = found.time("commands")
     # the answer to the last sample comes after the last tick
     assert len(t) - facts["served"]["commands_read"] in (0, 1) and (np.diff(t) > 0.0).all()
@@ -107,7 +108,7 @@ def test_a_sample_without_an_answer_ends_the_run_with_a_whole_recording(tmp_path
     assert "The recording is complete: run/run.mcap." in done.stderr
     found = read(tmp_path / "run" / "run.mcap")
     assert found.time("plant")[-1] == pytest.approx(0.199)
-    assert "got no answer" in found.events[-1].text
+    assert "got no answer" in found.events[-1].text and found.complete
     assert done.stdout.startswith("fig4_force_position  0.199 s at")
 
 

@@ -162,7 +162,8 @@ class ServedRobot(Observer):
         self.link = RemoteLink(wire.mailbox, options.lockstep, watchdog, options.silence, self._check)
         self.topics: Sequence[Topic] = [COMMANDS_TOPIC]
         times = {} if options.lockstep else {"watchdog_s": f"{watchdog:g}", "silence_s": f"{options.silence:g}"}
-        self.metadata: Mapping[str, str] = {"mode": "lockstep" if options.lockstep else "real time", **times}
+        mode = "lockstep" if options.lockstep else "real time"
+        self.metadata: Mapping[str, str] = {"mode": mode, **times, "irregular": COMMANDS_TOPIC.name}
         self._newest, self._flushed = 0.0, 0
 
     def observers(self, recorder: Recorder, deadlines: Deadlines | None) -> Sequence[Observer]:
