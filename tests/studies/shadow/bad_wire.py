@@ -6,6 +6,7 @@ lost, and in each second all within BURST (s); the others take between no time a
 go at once.
 """
 
+import contextlib
 import fcntl
 import heapq
 import os
@@ -28,6 +29,12 @@ def end(name: str, namespace: str) -> int:
     return file
 
 
+def pass_on(file: int, frame: bytes) -> None:
+    # an end that is not up yet takes nothing
+    with contextlib.suppress(OSError):
+        os.write(file, frame)
+
+
 def main(robot: str, twin: str, loss: float, delay: float, held: float, burst: float = 0.0) -> None:
     ends, drawn = [end("wire0", robot), end("wire1", twin)], random.Random(1)
     print("ready", flush=True)
@@ -38,7 +45,7 @@ def main(robot: str, twin: str, loss: float, delay: float, held: float, burst: f
         for file in select.select(ends, [], [], wait)[0]:
             frame = os.read(file, FRAME)
             if file == ends[1]:
-                os.write(ends[0], frame)
+                pass_on(ends[0], frame)
             elif drawn.random() >= loss and time.monotonic() % 1.0 >= burst:
                 count, now = count + 1, time.monotonic()
                 if now >= until:
@@ -46,7 +53,7 @@ def main(robot: str, twin: str, loss: float, delay: float, held: float, burst: f
                 last = max(last, now + now_takes) if held else now + now_takes
                 heapq.heappush(waiting, (last, count, frame))
         while waiting and waiting[0][0] <= time.monotonic():
-            os.write(ends[1], heapq.heappop(waiting)[2])
+            pass_on(ends[1], heapq.heappop(waiting)[2])
 
 
 if __name__ == "__main__":
