@@ -60,7 +60,8 @@ def test_at_1_khz_nothing_is_lost_and_commands_act_in_time(start: Start, tmp_pat
     served = facts["served"]
     print(json.dumps({"served": served, "punctuality": facts["punctuality"], "hold": facts["measures"]["hold_error"]}))
     samples, answers, _ = map(int, node.communicate(timeout=30)[0].split())
-    assert samples == answers == served["samples"] and served["commands"] >= answers - 1
+    # the first may be written before the node is connected, the last when the robot leaves
+    assert samples == answers and 0 <= served["samples"] - samples <= 2 and served["commands"] >= answers - 1
     assert served["lost"] == served["unwritten"] == served["unanswered"] == 0 and served["ignored"] == {}
     assert facts["trip"] == "" and facts["measures"]["hold_error"]["value"] < 0.1
     # a command waits for the next tick, and acts until the sample after it
@@ -109,9 +110,10 @@ def test_lost_commands_are_counted_and_the_force_is_held_without_a_trip(start: S
     served = facts["served"]
     print(json.dumps({"served": served, "punctuality": facts["punctuality"], "hold": facts["measures"]["hold_error"]}))
     samples, answers, _ = map(int, node.communicate(timeout=60)[0].split())
-    assert samples == served["samples"] and facts["trip"] == ""
+    # the first may be written before the node is connected, the last when the robot leaves
+    assert 0 <= served["samples"] - samples <= 2 and facts["trip"] == ""
     # those after the last answer that arrived cannot be known
-    assert 0 <= answers - served["commands"] - served["unanswered"] <= 30
+    assert -2 <= answers - served["commands"] - served["unanswered"] <= 30
     # 5 % and 2 % of the rest
     assert 0.05 < served["unanswered"] / answers < 0.09
     assert facts["measures"]["hold_error"]["value"] < 0.1
