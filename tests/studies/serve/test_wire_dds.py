@@ -160,7 +160,12 @@ def test_in_real_time_a_robot_publishes_what_ros_calls_a_joint_state(started: Ca
     # a sample between was lost
     robot.put(6, np.zeros(6), (1, 2, 3), applied=1)
     found: list[Any] = []
-    until(lambda: found.extend(joints()) or len(found) == 3)
+
+    def all_there() -> bool:
+        found.extend(joints())
+        return len(found) == 3
+
+    until(all_there)
     angles = MOVED * 2 * np.pi / np.repeat([COUNTS_M, COUNTS_L], 3)
     assert found[0].name == list(JOINTS) and found[0].header.frame_id == "base"
     assert found[1].position.tolist() == angles.tolist()

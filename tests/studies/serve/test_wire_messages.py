@@ -1,6 +1,7 @@
 """Messages of a served robot: what ros2_control sends is read, and what is published is what ROS 2 decodes."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,7 +75,7 @@ def test_an_array_has_three_numbers_and_no_stamp():
 
 
 def test_published_messages_are_those_of_ros():
-    found = TYPE_STORE.deserialize_cdr(messages.wrench(STAMP, 5.0), messages.WRENCH)
+    found: Any = TYPE_STORE.deserialize_cdr(messages.wrench(STAMP, 5.0), messages.WRENCH)
     assert (found.header.frame_id, found.wrench.force.z) == ("base", -5.0)
     assert (found.header.stamp.sec, found.header.stamp.nanosec) == (3, 7)
     found = TYPE_STORE.deserialize_cdr(messages.clock(STAMP), messages.CLOCK)

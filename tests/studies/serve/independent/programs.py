@@ -58,8 +58,8 @@ def other_law(experiment: Experiment, folder: Path) -> list[str]:
     """Build the law with its own mechanics into a node with Fast DDS; return its command line."""
     require_packages()
     (folder / "variables.h").write_text(variables_header(load_drive("paper_law")))
-    include = ["-I", folder, "-I", LAW, "-I", ROOT / "fmus" / "fmi2"]
-    objects = []
+    include: list[str | Path] = ["-I", folder, "-I", LAW, "-I", ROOT / "fmus" / "fmi2"]
+    objects: list[str | Path] = []
     for source in ("model.c", "motion.c", "pid.c", "machine.c", "tasks.c"):
         objects.append(folder / f"{source}.o")
         compile_with("cc", "-std=gnu11", "-O2", "-ffp-contract=off", "-c", "-o", objects[-1], LAW / source, *include)
@@ -81,6 +81,7 @@ def robot_text(experiment: Experiment) -> str:
     lines.append(f"dead_zone {experiment.controller.dead_zone!r}")
     if not experiment.tasks:
         way = experiment.reference
+        assert way is not None
         lines += [f"way {t!r} {' '.join(map(repr, p))}" for t, p in zip(way.t, way.p, strict=True)]
     law = [float(told.get(one.name, one.start)) for one in load_drive("paper_law").variables]
     return "\n".join([*lines, "law " + " ".join(map(repr, law))]) + "\n"

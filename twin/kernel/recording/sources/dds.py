@@ -24,6 +24,7 @@ class RawMessage:
     """DDS message as undecoded bytes; cyclonedds adds `sample_info`."""
 
     __slots__ = ("data", "sample_info")
+    sample_info: Any
 
     def __init__(self, data: bytes):
         self.data = data
