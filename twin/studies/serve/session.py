@@ -86,7 +86,7 @@ class ServeOptions:
     domain: int | None
 
 
-class Wire:
+class WireProcess:
     """The process that publishes samples and receives commands; a context manager that ends it.
 
     Args:
@@ -156,7 +156,7 @@ class ServedRobot(Observer):
 
     enough = False
 
-    def __init__(self, wire: Wire, options: ServeOptions, period: float, trace: Trace | None = None):
+    def __init__(self, wire: WireProcess, options: ServeOptions, period: float, trace: Trace | None = None):
         watchdog = WATCHDOG_PERIODS * period if options.watchdog is None else options.watchdog
         self._wire, self._trace = wire, trace
         self.link = RemoteLink(wire.mailbox, options.lockstep, watchdog, options.silence, self._check)
@@ -277,7 +277,7 @@ def served_run(
     def say(text: str) -> None:
         reporter.note(line=text)
 
-    with Wire(say) as wire:
+    with WireProcess(say) as wire:
         wire.start(wire_settings(loaded, asked, have_effort(plans)))
         reporter.loading()
         folder = claim_run_folder(Path(out)) if out else create_run_folder(Path(results), loaded.name, datetime.now())
