@@ -2,6 +2,7 @@
 
 import math
 import os
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -106,6 +107,8 @@ def serve(
         raise InputRefused(f"--command-topic {command_topic}: expected a topic that begins with /")
     if math.isinf(answer_s) or answer_s == 0.0:
         raise InputRefused(f"--answer-s {answer_s:g}: expected a time > 0 s")
+    if find_spec("cyclonedds") is None:
+        raise InputRefused("twin serve: needs cyclonedds; pip install 'twin[shadow]'")
     arguments: dict[str, Any] = {
         "experiment": str(experiment),
         "settings": settings,

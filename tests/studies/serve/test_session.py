@@ -232,6 +232,13 @@ def test_a_controller_is_checked_against_the_baselines(tmp_path: Path, told: Any
     assert ("Deviates: " in done.stdout) == (code == 1)
 
 
+def test_without_cyclone_dds_the_command_names_the_package(tmp_path: Path, told: Any, monkeypatch: pytest.MonkeyPatch):
+    told()
+    monkeypatch.setattr("twin.cli.serve.find_spec", lambda name: None)
+    done = served(tmp_path, "fig4_force_position")
+    assert done.returncode == 2 and "twin serve: needs cyclonedds; pip install 'twin[shadow]'" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
