@@ -67,22 +67,20 @@ def publish(path: str) -> None:
     from cyclonedds.pub import DataWriter
     from cyclonedds.topic import Topic
 
-    from examples.robot_stand_in.robot import JOINTS, Header_, JointState_, Time_
+    from tests.studies.shadow.player import JOINTS, JointState, joint_state
 
     rows = np.load(path).tolist()
     participant = DomainParticipant(DOMAIN)
     qos = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, Policy.History.KeepLast(10))
-    writer: Any = DataWriter(participant, Topic(participant, f"rt{TOPIC}", JointState_), qos=qos)
-    names: Any = JOINTS
+    writer: Any = DataWriter(participant, Topic(participant, f"rt{TOPIC}", JointState), qos=qos)
     # a robot has a computer of its own
     with real_time():
         begun, since, k = time.monotonic(), time.time_ns(), 0
         while True:
             time.sleep(max(0.0, begun + k / RATE - time.monotonic()))
             row, ns = rows[k % len(rows)], since + round(k * 1e9 / RATE)
-            stamp = Header_(Time_(ns // 10**9, ns % 10**9), "base")
             late = [1e-9 * (time.time_ns() - ns)] * 6
-            writer.write(JointState_(stamp, names, row[:6], [*row[6:], 0.0, 0.0, 0.0], late))
+            writer.write(joint_state(ns, JOINTS, row[:6], [*row[6:], 0.0, 0.0, 0.0], late))
             k += 1
 
 
@@ -93,11 +91,13 @@ def bare(seconds: float) -> list[float]:
     from cyclonedds.sub import DataReader
     from cyclonedds.topic import Topic
 
-    from examples.robot_stand_in.robot import JointState_
+    from twin.kernel.recording.sources.ros_types import idl_class
 
     participant = DomainParticipant(DOMAIN)
     qos = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, Policy.History.KeepLast(10_000))
-    reader: Any = DataReader(participant, Topic(participant, f"rt{TOPIC}", JointState_), qos=qos)
+    reader: Any = DataReader(
+        participant, Topic(participant, f"rt{TOPIC}", idl_class("sensor_msgs/msg/JointState")), qos=qos
+    )
     waiting = WaitSet(participant)
     condition = ReadCondition(reader, SampleState.NotRead | ViewState.Any | InstanceState.Any)
     waiting.attach(condition)

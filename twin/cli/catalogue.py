@@ -13,7 +13,7 @@ HELP_SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Run": ("run", "explore", "sweep", "branch", "cosim"),
     "Choose": ("drive", "tune", "analyse", "component"),
     "Judge": ("report", "compare", "check", "faults", "accuracy", "converge", "falsify", "safety"),
-    "Beside a robot": ("replay", "identify", "shadow", "log"),
+    "Beside a robot": ("replay", "identify", "shadow", "serve", "log"),
     "Hand on": ("export", "build"),
     "Look after": ("runs", "init", "schema", "doctor"),
 }

@@ -24,6 +24,8 @@ def run_text(run: Mapping[str, Any]) -> str:
     for role, text in run["parts"].items():
         lines += wrap_text(text.removeprefix(f"{role}: "), f"  {role:10} ")
     lines += [_row("substitute", f"{name}: {kind}") for name, kind in run["substituted"].items()]
+    for number, text in enumerate(run.get("served", {}).get("lines", ())):
+        lines += wrap_text(text, _row("" if number else "served", "")) if text else [""]
     return "\n".join([*lines, _row("recording", run["recording"])])
 
 
@@ -45,6 +47,7 @@ def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
         "punctuality": run["punctuality"],
         "measures": measures.with_units(measures.measured_values(run["outcome"]["measures"])),
         "held": [dict(one) for one in run["held"]],
+        **({"served": run["served"]["facts"]} if "served" in run else {}),
         "events": [{"t_s": t, "level": level, "text": text} for t, level, text in run["events"]],
     }
 

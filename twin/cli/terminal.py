@@ -295,6 +295,9 @@ class TerminalDisplay:
             self.clear()
             print(json_text(run_facts(facts)) if self._as_json else run_text(facts), flush=True)
             self._done.append(_shortest(facts["recording"].parent))
+        elif "line" in note:
+            self.clear()
+            print(terminal_text(note["line"]), file=sys.stderr, flush=True)
         elif "serving" in note:
             self.clear()
             # on standard error: --json reserves standard output for the result

@@ -12,7 +12,7 @@ def to_dict(value: Any) -> Any:
     """Convert `value` to mappings, lists, texts and numbers; None for a number that is infinite or NaN.
 
     A record with `JSON_KEYS` is written with these keys, each followed by the path of its value if that has another
-    name: `"F_z=point.F_z mean_W=mean stable"`. Any other record is written with its fields.
+    name: `"force=point.force mean_W=mean stable"`. Any other record is written with its fields.
     """
     match value:
         case float():

@@ -112,6 +112,12 @@ class FaultComponent(NativeComponent):
         clock = self.memory["window"]
         clock["next"] = -(-tick // clock["period"]) * clock["period"]
 
+    def begin_at(self, tick: int) -> None:
+        """Move the fault's time window to `tick`; a limited fault keeps its duration."""
+        clock = self.memory["window"]
+        clock["end"] = min(clock["end"] - clock["onset"] + tick, NEVER_TICK)
+        clock["onset"] = tick
+
     def idle_outputs(self, given: np.ndarray) -> np.ndarray:
         """Return the outputs of the inactive fault for given inputs, and store the values its next step needs."""
         return np.append(given, 0.0)

@@ -240,8 +240,8 @@ def test_a_part_of_another_make_may_have_the_ports_of_twins_own_and_no_others(ro
 def test_a_row_of_the_table_feeds_every_input_of_a_contract():
     rows = {row.name: row for row in COMPONENT_ROWS}
     for role, contract in ROLE_CONTRACTS.items():
-        # what a tank passes on is told to twin's own controller only
-        assert {port.name for port in contract.inputs} == rows[role].inputs.keys() - {"share"}, role
+        # twin's own controller alone reads what a tank passes on, its own monitor the age of a remote command
+        assert {port.name for port in contract.inputs} == rows[role].inputs.keys() - {"share", "age"}, role
 
 
 def test_what_is_needed_of_a_part_is_what_others_take_of_it():
@@ -258,7 +258,7 @@ def test_what_is_needed_of_a_part_is_what_others_take_of_it():
 def test_no_port_of_the_robots_computer_is_true():
     true = {("plant", port) for port in ("p_B", "F_ee_B", "theta_l", "tau_load")} | {("drive", "theta_m")}
     for row in COMPONENT_ROWS:
-        if row.name in ("estimator", "controller", "monitor"):
+        if row.name in ("estimator", "controller", "remote", "monitor"):
             assert not {source for sources in row.inputs.values() for source in sources} & true
 
 

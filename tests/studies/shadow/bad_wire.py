@@ -1,10 +1,12 @@
-"""A wire between two network namespaces that loses and delays: bad_wire.py FROM TO LOSS DELAY HELD, a share and s.
+"""A wire between two network namespaces that loses and delays: bad_wire.py FROM TO LOSS DELAY HELD [BURST].
 
 Each end is a TAP device in its namespace, `wire0` and `wire1`. Of the frames from the first to the second a share is
-lost, and the others take between no time and DELAY. A delay holds for so long: without, each frame has its own, and
-they overtake each other; else they stay in order, as in a queue. Back they all go at once.
+lost, and in each second all within BURST (s); the others take between no time and DELAY (s). A delay holds for HELD
+(s): at 0 each frame has its own, and they overtake each other; else they stay in order, as in a queue. Back they all
+go at once.
 """
 
+import contextlib
 import fcntl
 import heapq
 import os
@@ -27,7 +29,13 @@ def end(name: str, namespace: str) -> int:
     return file
 
 
-def main(robot: str, twin: str, loss: float, delay: float, held: float) -> None:
+def pass_on(file: int, frame: bytes) -> None:
+    # an end that is not up yet takes nothing
+    with contextlib.suppress(OSError):
+        os.write(file, frame)
+
+
+def main(robot: str, twin: str, loss: float, delay: float, held: float, burst: float = 0.0) -> None:
     ends, drawn = [end("wire0", robot), end("wire1", twin)], random.Random(1)
     print("ready", flush=True)
     waiting: list[tuple[float, int, bytes]] = []
@@ -37,16 +45,16 @@ def main(robot: str, twin: str, loss: float, delay: float, held: float) -> None:
         for file in select.select(ends, [], [], wait)[0]:
             frame = os.read(file, FRAME)
             if file == ends[1]:
-                os.write(ends[0], frame)
-            elif drawn.random() >= loss:
+                pass_on(ends[0], frame)
+            elif drawn.random() >= loss and time.monotonic() % 1.0 >= burst:
                 count, now = count + 1, time.monotonic()
                 if now >= until:
                     until, now_takes = now + held, drawn.random() * delay
                 last = max(last, now + now_takes) if held else now + now_takes
                 heapq.heappush(waiting, (last, count, frame))
         while waiting and waiting[0][0] <= time.monotonic():
-            os.write(ends[1], heapq.heappop(waiting)[2])
+            pass_on(ends[1], heapq.heappop(waiting)[2])
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], *map(float, sys.argv[3:6]))
+    main(sys.argv[1], sys.argv[2], *map(float, sys.argv[3:7]))

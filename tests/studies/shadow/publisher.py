@@ -1,6 +1,6 @@
 """A process that publishes the joints of a run by DDS: publisher.py RUN.npy RATE SECONDS [--best-effort] [--topic T]
 
-Cyclone DDS with types of its own; nothing of twin's.
+Cyclone DDS, without the sources of twin.
 """
 
 import argparse
@@ -14,7 +14,7 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-from examples.robot_stand_in.robot import Header_, JointState_, Time_
+from tests.studies.shadow.player import JOINTS, JointState, joint_state
 
 
 def main() -> None:
@@ -30,15 +30,13 @@ def main() -> None:
     angles = np.load(asked.angles)
     kind: Any = Policy.Reliability.BestEffort if asked.best_effort else Policy.Reliability.Reliable(duration(seconds=1))
     participant = DomainParticipant(asked.domain)
-    topic = Topic(participant, f"rt{asked.topic}", JointState_)
+    topic = Topic(participant, f"rt{asked.topic}", JointState)
     # the depth that ROS has by default
     writer: Any = DataWriter(participant, topic, qos=Qos(kind, Policy.Durability.Volatile, Policy.History.KeepLast(10)))
     while not writer.get_publication_matched_status().current_count:
         time.sleep(0.01)
     time.sleep(0.3)
     n = round(asked.rate * asked.seconds)
-    nothing: Any = []
-    names: Any = ["m1", "m2", "m3", "l1", "l2", "l3"]
     begun, since = time.monotonic(), time.time_ns()
     for k in range(n):
         if asked.pause and k == n // 2:
@@ -46,8 +44,7 @@ def main() -> None:
         time.sleep(max(0.0, begun + k / asked.rate - time.monotonic()))
         # of the robot's loop, whose period is exact
         ns = since + round((k / asked.rate + (asked.pause if k >= n // 2 else 0.0)) * 1e9)
-        stamp = Header_(Time_(ns // 10**9, ns % 10**9), "base")
-        writer.write(JointState_(stamp, names, angles[k % len(angles)].tolist(), nothing, nothing))
+        writer.write(joint_state(ns, JOINTS, angles[k % len(angles)].tolist()))
     time.sleep(1.0)
     print(n)
 

@@ -67,7 +67,9 @@ def run_guarded(
             process.order(STOP_ORDER)
             deadline = time.monotonic() + (STOP_TIMEOUT if watch.account.stepped else UNSTEPPED_STOP_TIMEOUT)
             while not process.gone and time.monotonic() < deadline:
-                process.reports(POLL_INTERVAL)
+                for report in process.reports(POLL_INTERVAL):
+                    if "note" in report:
+                        listen(report["note"])
             raise
 
 

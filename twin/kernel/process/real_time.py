@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-RECEIVER_PRIORITY, WORKER_PRIORITY = 20, 10
-"""SCHED_FIFO priorities of threads that receive messages, and of threads that process them."""
+RECEIVER_PRIORITY, WORKER_PRIORITY, HELPER_PRIORITY = 20, 10, 5
+"""SCHED_FIFO priorities of threads that receive messages, of threads that process them, and of their helpers."""
 SWITCH_INTERVAL = 2e-5
 """Interpreter switch interval (s) of two threads on one processor; Python's default is 5 ms."""
 PARALLEL_SWITCH_INTERVAL = 1e-4
@@ -45,6 +45,17 @@ def real_time(first: int | None = None) -> Iterator[str]:
             ctypes.CDLL(None).munlockall()
         gc.unfreeze()
         sys.setswitchinterval(turns)
+
+
+def share_priority(thread: int) -> None:
+    """Give the thread `thread` (native id) HELPER_PRIORITY if the calling thread has real-time priority.
+
+    A helper with normal priority that holds the GIL could be kept from running by other processes, and the caller with
+    it.
+    """
+    if sys.platform == "linux" and os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO:
+        with suppress(ProcessLookupError, PermissionError):
+            os.sched_setscheduler(thread, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(HELPER_PRIORITY))
 
 
 def _share_processor(first: int) -> set[int]:

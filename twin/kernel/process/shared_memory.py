@@ -30,6 +30,7 @@ from twin.kernel.process.job import MAX_WAIT_RATIO
 _SYSCALL_NUMBERS = {"x86_64": (202, 247, 228), "aarch64": (98, 95, 113)}
 """Processor -> numbers of the system calls futex, waitid and clock_gettime (asm/unistd_64.h, asm-generic/unistd.h)."""
 _FUTEX_WAIT, _FUTEX_WAKE = 0, 1
+_CLOCK_MONOTONIC = 1
 _P_PID, _WEXITED_WNOHANG_WNOWAIT = 1, 4 | 1 | 0x01000000
 _integers = pointer_to(np.int64)
 ASKED_OFFSET, HOST_ASLEEP_OFFSET, CLOSED_OFFSET = INPUTS_AT, INPUTS_AT + 4, INPUTS_AT + 8
@@ -158,6 +159,15 @@ def clock_time(kernel, clock, info):
     times[0] = times[1] = 0
     _syscall(call[0], call[3], clock, info, 0, 0, 0)
     return times[0] + 1e-9 * times[1]
+
+
+@njit(cache=True, nogil=True)
+def monotonic_ns(kernel, info):
+    """Return the time of the monotonic clock (ns); arguments as in `clock_time`."""
+    call, times = carray(_integers(kernel), 4), carray(_integers(info), 2)
+    times[0] = times[1] = 0
+    _syscall(call[0], call[3], _CLOCK_MONOTONIC, info, 0, 0, 0)
+    return times[0] * 1_000_000_000 + times[1]
 
 
 def timespec(seconds: float) -> np.ndarray:

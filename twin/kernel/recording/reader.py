@@ -117,6 +117,8 @@ class Recording:
             f"{name} was substituted by {kind}: the experiment alone does not repeat this run"
             for name, kind in self.metadata.get("substituted", {}).items()
         ]
+        if "served" in self.metadata:
+            stated.append("a remote controller commanded the drives: the experiment alone does not repeat this run")
         if "changed" in self.metadata:
             stated.append("changed by hand while it ran: the experiment alone does not repeat this run")
         return tuple(escape_controls(text) for text in stated)
@@ -283,7 +285,10 @@ def _shortfall(streams: Mapping[str, Stream], metadata: Mapping[str, Mapping[str
     run is recorded tick by tick, from 0 to the duration of its experiment.
     """
     duration, began = _duration(metadata), _start_time(metadata)
-    times = {topic: stream.head["log_time"].astype(np.int64) for topic, stream in streams.items()}
+    # a remote controller sends when it likes, and may end a run
+    served = metadata.get("served", {})
+    irregular = served.get("irregular", "").split()
+    times = {name: one.head["log_time"].astype(np.int64) for name, one in streams.items() if name not in irregular}
     if duration is None or not any(len(t) for t in times.values()):
         return ""
     end = max(int(t[-1]) for t in times.values() if len(t))
@@ -304,7 +309,7 @@ def _shortfall(streams: Mapping[str, Stream], metadata: Mapping[str, Mapping[str
         if len(steps) and end - t[-1] >= period - TIME_ROUNDING:
             return f"samples of {topic} are missing: the last is at {t[-1] / NS_PER_S:.3f} s"
     # a duration is a whole number of ticks to a billionth
-    if abs(end - duration * NS_PER_S) > TIME_ROUNDING + duration:
+    if not served and abs(end - duration * NS_PER_S) > TIME_ROUNDING + duration:
         return f"ends at {end / NS_PER_S:.3f} s, though its experiment lasts {duration:g} s"
     return ""
 

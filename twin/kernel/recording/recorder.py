@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from queue import SimpleQueue
+from threading import Thread
 from typing import Any, get_args
 
 import numpy as np
@@ -100,7 +102,7 @@ class Recorder(EventLog):
 
     `drawings` returns (topic, tick, rows) of each drawing for the tick of a block's first row and its rows. `changed`
     returns the first manual change during the run, "" before it, recorded as metadata. `writing` is the wall time spent
-    (s).
+    (s). With `background`, a thread of its own writes: in a paced run a block takes longer than a tick.
     """
 
     def __init__(
@@ -109,20 +111,28 @@ class Recorder(EventLog):
         streams: Sequence[RowStream],
         drawings: Drawings = lambda first, rows: (),
         changed: Callable[[], str] = str,
+        background: bool = False,
     ):
         super().__init__()
+        self._queue: SimpleQueue[Callable[[Writer], None] | None] = SimpleQueue()
+        self._failure: BaseException | None = None
+        self.thread = Thread(target=self._work, name="recorder", daemon=True) if background else None
+        if self.thread:
+            self.thread.start()
         self.writing = 0.0
         self._writer, self._streams, self._drawings, self._changed = writer, streams, drawings, changed
         self._marked = False
 
     def begin(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        self._block = RowBlock(BLOCK_TICKS, simulation.system.outputs_width, simulation.next_tick)
+        self._block = self._new_block(simulation.next_tick)
 
     def ready(self, tick: int) -> None:
         if not self._marked and (first := self._changed()):
             # the experiment alone does not reproduce this run
-            self._writer.write_metadata("changed", {"first": first, "all": "the events of 'tuning'"})
+            self.call(
+                lambda writer: writer.write_metadata("changed", {"first": first, "all": "the events of 'tuning'"})
+            )
             self._marked = True
 
     def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
@@ -130,18 +140,40 @@ class Recorder(EventLog):
         super().on_rows(first, rows, events)
         self._block.add(rows, events)
         if self._block.is_full or self._simulation.is_over:
-            self._write_block()
+            self._end_block()
         self.writing += time.perf_counter() - began
+
+    def stop(self) -> None:
+        """Wait for all writes in the background and end the thread; no effect without one."""
+        if self.thread and self.thread.is_alive():
+            self._queue.put(None)
+            self.thread.join()
+
+    def call(self, write: Callable[[Writer], None]) -> None:
+        """Call `write` with the writer, after all earlier writes; in the background if there is a thread.
+
+        Raises:
+            BaseException: of an earlier write in the background.
+        """
+        if self._failure is not None:
+            raise self._failure
+        if self.thread:
+            self._queue.put(write)
+        else:
+            write(self._writer)
 
     def attach(self, tick: int, content: bytes, media_type: str) -> None:
         """Write an attachment to the recording for the beginning of `tick`, after all earlier rows."""
         began = time.perf_counter()
-        self._write_block()
-        self._writer.write_attachment(f"state_{tick}", tick, media_type, content)
+        self._end_block()
+        self.call(lambda writer: writer.write_attachment(f"state_{tick}", tick, media_type, content))
         self.writing += time.perf_counter() - began
 
     def finish(self) -> Path:
         began = time.perf_counter()
+        # empty unless an observer ended the run in the middle of a block
+        self._end_block()
+        self._join()
         recording = self._writer.finish()
         self.writing += time.perf_counter() - began
         return recording
@@ -150,19 +182,45 @@ class Recorder(EventLog):
         """Record as an event that a component requested the end of the run."""
         event = TickEvent(max(0, self._simulation.next_tick - 1), "INFO", str(request), self._simulation.culprit)
         self.events.append(event)
-        self._writer.write_event(event.tick, event.level, event.text, event.source)
+        self.call(lambda writer: writer.write_event(event.tick, event.level, event.text, event.source))
 
     def abandon(self, failure: ComponentFailed) -> str:
         """Record `failure` as the last event, close the recording unfinished, and return a message about both."""
+        self._join()
         end = self._simulation.next_tick
         self._writer.write_event(end, "ERROR", str(failure), "cosim")
         until = max(0, end - 1) * self._simulation.system.tick
         return f"{failure}\nRecorded until then: {self._writer.abandon()} ({until:.3f} s)."
 
-    def _write_block(self) -> None:
+    def _new_block(self, first: int) -> RowBlock:
+        return RowBlock(BLOCK_TICKS, self._simulation.system.outputs_width, first)
+
+    def _end_block(self) -> None:
+        """Write the present block, and begin the next one."""
         block = self._block
         if not len(block.rows) and not block.events:
             return
+        self.call(lambda writer: self._write_block(block))
+        if self.thread:
+            self._block = self._new_block(block.first + len(block.rows))
+        else:
+            block.clear()
+
+    def _work(self) -> None:
+        """Execute queued writes until the end, or until one fails."""
+        try:
+            while (write := self._queue.get()) is not None:
+                write(self._writer)
+        except BaseException as problem:
+            self._failure = problem
+
+    def _join(self) -> None:
+        """Wait for all writes in the background, and raise the exception of one that failed."""
+        self.stop()
+        if self._failure is not None:
+            raise self._failure
+
+    def _write_block(self, block: RowBlock) -> None:
         for stream in self._streams:
             start = -block.first % stream.topic.period
             rows = block.rows[start :: stream.topic.period, stream.columns]
@@ -173,4 +231,3 @@ class Recorder(EventLog):
             self._writer.write_event(event.tick, event.level, event.text, event.source)
         # write now: the next slice may crash this process
         self._writer.end_slice()
-        block.clear()

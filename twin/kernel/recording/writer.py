@@ -216,7 +216,8 @@ def _piece(since: np.ndarray, channels: np.ndarray, offsets: np.ndarray) -> Piec
 class OpenTopic:
     """State of a topic, with a message every `period` ticks of `width` numbers, while a recording is written.
 
-    `fields` are empty for a form. `next_tick` is the earliest of its next row.
+    `fields` are empty for a form. `next_tick` is the earliest of its next row, possibly a
+    fraction.
     """
 
     channel: int
@@ -224,7 +225,7 @@ class OpenTopic:
     width: int
     filling: Filling
     fields: Sequence[Field]
-    next_tick: int = 0
+    next_tick: float = 0
 
     @classmethod
     def from_topic(cls, topic: Topic | MessageForm, channel: int) -> Self:
@@ -324,7 +325,7 @@ class Writer:
         opened.next_tick = ticks.stop
 
     def write_at(self, topic: str, ticks: np.ndarray, rows: np.ndarray) -> None:
-        """Record rows of `topic` for `ticks` (n,) int64, ascending but not necessarily evenly spaced; see `write`."""
+        """Record rows of `topic` for `ticks` (n,), ascending not necessarily evenly spaced or whole; see `write`."""
         opened = self._topics[topic]
         if rows.shape != (len(ticks), opened.width):
             raise ValueError(f"topic {topic}: rows of shape {rows.shape}, expected ({len(ticks)}, {opened.width})")
@@ -337,7 +338,7 @@ class Writer:
             raise ValueError(f"topic {topic}: ticks that do not ascend, or come before {opened.next_tick}")
         times = self._times(ticks)
         self._append_rows(opened, times, times.ctypes.data, rows)
-        opened.next_tick = int(ticks[-1]) + 1
+        opened.next_tick = ticks[-1] + (1 if ticks.dtype.kind == "i" else np.spacing(ticks[-1]))
 
     def write_messages(self, topic: str, ticks: Sequence[int], messages: Sequence[bytes]) -> None:
         """Record `messages` of a `ForeignTopic` unchanged, each at its tick; see `write_event`."""

@@ -43,9 +43,13 @@ from twin.robot.assembly.precompile import compile_in_background
 from twin.robot.assembly.roles import ROLE_CONTRACTS, ThirdPartyPart, part_from_class, third_party_parts
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.schema import changeable_values
+from twin.robot.remote import RemoteLink
 
 RowPort = tuple[str, str]
-COMMAND_SOURCES = ("bus.omega_ref", "monitor.omega_ref", "delay.omega_ref", "tank.omega_ref", "controller.omega_ref")
+COMMAND_SOURCES = (
+    "bus.omega_ref", "monitor.omega_ref", "remote.omega_ref", "delay.omega_ref", "tank.omega_ref",
+    "controller.omega_ref",
+)  # fmt: skip
 """Sources of the drives' commands: the last existing component on the way from the controller."""
 POWER_SOURCES = ("bus.power", "monitor.power")
 """Sources of the power signal shared by all drives."""
@@ -101,14 +105,20 @@ COMPONENT_ROWS = (
     ),
     _row(
         "tank", build.tanks,
-        omega_ref=COMMAND_SOURCES[4:],
+        omega_ref=COMMAND_SOURCES[5:],
         p_B="estimator.p_B", J="estimator.J", F_ee_B="estimator.F_ee_B", valid="estimator.valid",
         sample="encoder.sample",
     ),
-    _row("delay", build.delays, omega_ref=COMMAND_SOURCES[3:]),
+    _row("delay", build.delays, omega_ref=COMMAND_SOURCES[4:]),
+    _row(
+        "remote", build.remotes,
+        count_m="encoder.count_m", count_l="encoder.count_l", sample="encoder.sample", F_z="scale.F_z",
+        tau_motor="drive.tau_motor",
+    ),
     _row(
         "monitor", build.monitors,
         omega_ref=COMMAND_SOURCES[2:], count_m="encoder.count_m", count_l="encoder.count_l", sample="encoder.sample",
+        age="remote.age",
     ),
     _row(
         "bus", build.buses,
@@ -248,6 +258,7 @@ def assemble(
     substitutes: Mapping[str, Any] | None = None,
     maker: DriveMaker = IN_PROCESS_MAKER,
     alive: Mapping[str, Component] = MappingProxyType({}),
+    remote: RemoteLink | None = None,
 ) -> Assembly:
     """Build and wire every component of the experiment's robot, and check that all parts fit.
 
@@ -258,6 +269,7 @@ def assemble(
             `ROLE_CONTRACTS`, a Python class or an instance.
         maker: creates the drives. Drives that cannot share one process get their own in any case.
         alive: existing components of the experiment, by name, used instead of new ones.
+        remote: link to a remote controller, which commands the drives; None for the experiment's own controller.
 
     Raises:
         InputRefused: a drive FMU or a third-party part does not fit; all are checked before any is loaded. Or a
@@ -279,7 +291,7 @@ def assemble(
 
             maker = home.enter_context(IsolatedDrives(keep=True))
         rest = resting_plant(experiment, "body" in others | given)
-        parts = _row_makers(Build(experiment, plans, maker, *rest, others | given))
+        parts = _row_makers(Build(experiment, plans, maker, *rest, others | given, remote))
         places = [name for makers in parts.values() for name in makers]
         if unplaced := [name for name in taken if name not in places]:
             hint = nearest(unplaced[0], places, "there are {}")

@@ -54,6 +54,7 @@ from twin.robot.plant.dynamics import PlantParameters, Robot, TrueRobot
 from twin.robot.plant.encoder import ENCODER_INPUTS as ANGLES
 from twin.robot.plant.encoder import Encoder, Scale, Shaft
 from twin.robot.plant.surface_motion import Body, Motion, MotionKind
+from twin.robot.remote import EFFORT_PORT, RemoteController, RemoteLink
 from twin.robot.shaft import UnpoweredParameters, UnpoweredShaft
 
 SURFACE_FAULT_RISE = 0.02
@@ -137,6 +138,7 @@ class Build:
         plant: plant at rest.
         theta_m: motor angles in that equilibrium (3,), rad.
         third_party: third-party parts, by role.
+        remote: link to a remote controller; None for none.
     """
 
     experiment: Experiment
@@ -145,6 +147,7 @@ class Build:
     plant: Plant
     theta_m: NDArray[np.float64]
     third_party: Mapping[str, ThirdPartyPart] = field(default_factory=dict)
+    remote: RemoteLink | None = None
 
 
 Makers = Mapping[str, Callable[[], Component]]
@@ -421,6 +424,20 @@ def delays(build: Build) -> Makers:
     return {"delay": lambda: delay("delay", (OMEGA_REF,), ticks, np.zeros(OMEGA_REF.size))} if ticks else {}
 
 
+def have_effort(plans: Sequence[DrivePlan]) -> bool:
+    """Whether all drives report the torques of their motors."""
+    return all(any(port.name == EFFORT_PORT.name for port in plan.outputs) for plan in plans)
+
+
+def remotes(build: Build) -> Makers:
+    """Return the constructor of the remote controller; empty unless the robot is served to one."""
+    link, experiment = build.remote, build.experiment
+    if link is None:
+        return {}
+    measured = experiment.scale is not None, have_effort(build.plans), experiment.monitor is not None
+    return {"remote": lambda: RemoteController(link, experiment.cosim.tick, experiment.controller_ticks, *measured)}
+
+
 def monitors(build: Build) -> Makers:
     """Return the constructor of the safety monitor; empty if the experiment has none."""
     experiment = build.experiment
@@ -428,8 +445,8 @@ def monitors(build: Build) -> Makers:
         return {}
     limits = monitor_limits(experiment.monitor, experiment.controller.speed_limit)
     periods = experiment.controller_ticks, experiment.monitor_ticks
-    lines = have_power_lines(experiment)
-    return {"monitor": lambda: SafetyMonitor(monitor_belief(experiment.robot), limits, *periods, lines)}
+    lines, silence = have_power_lines(experiment), build.remote.silence_limit if build.remote else None
+    return {"monitor": lambda: SafetyMonitor(monitor_belief(experiment.robot), limits, *periods, lines, silence)}
 
 
 def buses(build: Build) -> Makers:

@@ -36,6 +36,8 @@ COUNT_LAWS = {f"encoder_{law.name.lower()}": law for law in CountLaw}
 LEAST_COUNTS = {CountLaw.BIAS: 0.5, CountLaw.GLITCH: 0.5, CountLaw.QUANTISATION: 2.0}
 """Minimum magnitude (counts) with an effect, by law."""
 DRIVE_LAWS = {law.name.lower(): law for law in DriveLaw}
+CONTROLLER, REMOTE = "controller", "remote"
+"""Names of the controllers: the experiment's, and one behind a wire."""
 BUS_TARGET = "bus"
 """Target of faults on the commands between the computer and the drives."""
 
@@ -205,7 +207,9 @@ def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) ->
         sender = circuit.component(circuit.feeds[targets[0]].component, number, fault.target)
         ports: tuple[Port, ...] = (Port("omega_ref", JOINTS, "rad/s", "commanded motor speed, as it arrives"),)
     else:
-        sender = circuit.component(fault.target, number, fault.target)
+        # the commands of a remote controller, if the drives obey one
+        name = REMOTE if fault.target == CONTROLLER and circuit.has(REMOTE) else fault.target
+        sender = circuit.component(name, number, fault.target)
         # of the controller's outputs only the command leaves the computer
         ports = tuple(port for port in sender.outputs if sender.name == "encoder" or port.name == "omega_ref")
     share, least, most = 0.0, 0, whole_ticks(fault.magnitude, tick)

@@ -104,7 +104,7 @@ def recorded_experiment(
         drive: an FMU or a drive of fmus/ that replaces the drive of every joint and its parameters.
 
     Raises:
-        InputRefused: it has no experiment, or used substitutes or changes by hand, or an FMU is missing.
+        InputRefused: it has no experiment, used substitutes, a remote controller or changes by hand, or lacks an FMU.
     """
     name, values = recorded_name(metadata, where), recorded_values(DECLARED_TABLES, metadata, where)
     if "drive" not in values:
@@ -113,6 +113,8 @@ def recorded_experiment(
     if "substituted" in metadata:
         parts = ", ".join(metadata["substituted"])
         raise InputRefused(f"{where}: was made with a substitute for {parts}, so its experiment does not repeat it")
+    if "served" in metadata:
+        raise InputRefused(f"{where}: a remote controller commanded its drives, so its experiment does not repeat it")
     if "changed" in metadata and not changed:
         raise InputRefused(f"{where}: was changed by hand while it ran, so its experiment does not repeat it")
     if not fmus:

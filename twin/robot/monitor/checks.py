@@ -45,13 +45,16 @@ its limit; and the motor angle (rad) of the last movement of each joint encoder.
 
 
 def thresholds(limits: Limits) -> tuple[np.ndarray, np.ndarray]:
-    """Return limit and rest value of every trip reason, (REASON_COUNT,) each, SI; the limit of NONE is infinite."""
+    """Return limit and rest value of every trip reason, (REASON_COUNT,) each, SI.
+
+    The limits of NONE, and of SILENT without a remote controller, are infinite.
+    """
     limit, rest = np.full(REASON_COUNT, math.inf), np.zeros(REASON_COUNT)
     limit[1:] = [
         1.0, limits.stale_time, limits.jump_limit, 1.0, limits.deflection_limit, limits.frozen_time,
         limits.frozen_travel, limits.force_limit, limits.force_rate_limit, limits.penetration_limit, limits.speed_limit,
         limits.workspace_radius, limits.z_min, limits.z_max, limits.contact_time_limit, 1.0, limits.saturation_time,
-        limits.follow_time, limits.hidden_time,
+        limits.follow_time, limits.hidden_time, math.inf,
     ]  # fmt: skip
     rest[[Reason.TOO_LOW, Reason.TOO_HIGH]] = 0.5 * (limits.z_min + limits.z_max)
     return limit, rest

@@ -40,7 +40,7 @@ from twin.robot.monitor.checks import (
     update_timers,
 )
 from twin.robot.monitor.limits import LIMITS_RECORD, Limits
-from twin.robot.monitor.reasons import INVALID_SAMPLE, NO_POSE, REASON_COUNT, STALE, Reason, Trip, trip_message
+from twin.robot.monitor.reasons import INVALID_SAMPLE, NO_POSE, REASON_COUNT, SILENT, STALE, Reason, Trip, trip_message
 from twin.robot.monitor.safe_action import (
     RETRACTION_RECORD,
     add_travel,
@@ -58,6 +58,8 @@ MONITOR_INPUTS = (
     Port("sample", 1, "1", "number of the encoder message, one more with each"),
     Port("omega_ref", 3, "rad/s", "motor speeds that the controller commands"),
 )
+AGE_PORT = Port("age", 1, "s", "time since the last command took effect")
+"""Additional input if the commands come from a remote controller."""
 POWER_PORT = Port("power", 1, "1", "whether the drives may have power", "bool")
 MONITOR_OUTPUTS = (
     Port("omega_ref", 3, "rad/s", "motor speeds for the drives: the controller's, after a trip the retraction's"),
@@ -358,15 +360,27 @@ def monitor_outputs(lines: bool) -> tuple[Port, ...]:
     return (*MONITOR_OUTPUTS, *LINE_PORTS) if lines else MONITOR_OUTPUTS
 
 
-@cache
-def make_step(lines):
-    """Compile the step function of a safety monitor, with or without a power line per drive."""
+def monitor_inputs(remote: bool) -> tuple[Port, ...]:
+    """Return the input ports of a monitor, with or without the age of a remote controller's commands."""
+    return (*MONITOR_INPUTS, AGE_PORT) if remote else MONITOR_INPUTS
 
-    @step_function(MONITOR_MEMORY, MONITOR_INPUTS, monitor_outputs(lines))
+
+@cache
+def make_step(lines, remote=False):
+    """Compile the step function of a safety monitor.
+
+    Args:
+        lines: whether each drive has a power line of its own.
+        remote: whether the commands come from a remote controller.
+    """
+
+    @step_function(MONITOR_MEMORY, monitor_inputs(remote), monitor_outputs(lines))
     def step(m, t, h, u, y):
         tick = h / m.period
         ticks = receive_sample(m, u, tick)
         evaluate_command(m.limits, m.timers, u.omega_ref, m.values, m.joints, m.period, tick)
+        if remote:
+            m.values[SILENT] = u.age
         reason, utilisation = first_violation(m.values, m.limit, m.rest)
         since = (m.tick - m.trip_tick) * tick
         if m.reason == 0 and reason != 0:
@@ -416,19 +430,29 @@ class SafetyMonitor(NativeComponent):
         sample_interval: ticks between two encoder messages.
         period: period in ticks.
         lines: whether each drive has a power line of its own, and brakes have one.
+        silence: age of a remote controller's command (s) that trips; None without such a controller.
     """
 
     def __init__(
-        self, belief: MonitorBelief, limits: Limits, sample_interval: int = 1, period: int = 1, lines: bool = False
+        self,
+        belief: MonitorBelief,
+        limits: Limits,
+        sample_interval: int = 1,
+        period: int = 1,
+        lines: bool = False,
+        silence: float | None = None,
     ):
         memory = memory_of(MONITOR_MEMORY, belief=tuple(belief), limits=tuple(limits), sample_interval=sample_interval)
         memory["limit"][0], memory["rest"][0] = thresholds(limits)
+        if silence is not None:
+            memory["limit"][0, SILENT] = silence
         memory["period"], memory["retraction"]["power"], memory["retraction"]["power_off_tick"] = period, 1, -1
         ports = monitor_outputs(lines)
         initial = np.zeros(width(ports))
         for line in ("power", "drive_power")[: 1 + lines]:
             by_port(ports, initial)[line][:] = 1.0
-        super().__init__("monitor", MONITOR_INPUTS, ports, True, make_step(lines), memory, initial, period)
+        inputs, step = monitor_inputs(silence is not None), make_step(lines, silence is not None)
+        super().__init__("monitor", inputs, ports, True, step, memory, initial, period)
 
     @property
     def trip(self) -> Trip | None:

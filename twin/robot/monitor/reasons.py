@@ -33,6 +33,7 @@ class Reason(IntEnum):
     SATURATION = 17
     FOLLOW = 18
     HIDDEN_FORCE = 19
+    SILENT = 20
 
 
 class ReasonText(NamedTuple):
@@ -81,6 +82,7 @@ REASON_TEXTS = {
     Reason.HIDDEN_FORCE: ReasonText(
         "the motors give way to more force than the encoders show: an encoder is wrong", "for", "ms", 1e3
     ),
+    Reason.SILENT: ReasonText("the remote controller sends no commands", "for", "ms", 1e3),
 }
 
 
@@ -115,4 +117,5 @@ REASON_COUNT = len(Reason)
 (
     INVALID_SAMPLE, STALE, JUMP, NO_POSE, DEFLECTION, FROZEN_MOTOR, FROZEN_JOINT, FORCE, FORCE_RATE, PENETRATION, SPEED,
     RADIUS, TOO_LOW, TOO_HIGH, CONTACT_TIME, INVALID_COMMAND, SATURATION, FOLLOW, HIDDEN_FORCE,
+    SILENT,
 ) = (int(reason) for reason in Reason if reason is not Reason.NONE)  # fmt: skip

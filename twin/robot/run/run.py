@@ -3,6 +3,7 @@
 import json
 import shlex
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.atomic_write import make_folder, write_json
-from twin.kernel.cosim.observers import ProgressObserver
+from twin.kernel.cosim.observers import Observer, ProgressObserver, SimulationResult
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import SavedState
-from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.errors import ComponentFailed, EndRequest, InputRefused
 from twin.kernel.fmi.variable import FILE_PREFIX, to_json
+from twin.kernel.process.real_time import share_priority
 from twin.kernel.process.states import (
     RunStates,
     StoredState,
@@ -44,7 +46,7 @@ from twin.robot.run.handover import BranchPoint
 from twin.robot.run.measures import with_units
 from twin.robot.run.outcome import HeldForces, RunOutcome
 from twin.robot.run.trace import streams_of
-from twin.robot.run.viewer import Pace, Punctuality, Viewer, ViewerObserver
+from twin.robot.run.viewer import SERVED_SLICE_TIME, SLICE_TIME, Pace, Punctuality, RemoteSide, Viewer, ViewerObserver
 from twin.robot.run.watch import run_observers
 from twin.robot.scene import Scene
 
@@ -58,6 +60,8 @@ PRESSED_DEPTH = 1e-3
 """Depth (m) of the platform in the surface for the evaluation of the poles in contact."""
 SLICE_TICKS = BLOCK_TICKS
 SUMMARY_FILE = "summary.json"
+SERVED_KEY = "served"
+"""Metadata of a recording whose drives a remote controller commanded."""
 Report = Callable[[int, int], None]
 
 
@@ -257,6 +261,7 @@ def execute(
     factor: float | None = None,
     viewer: Viewer | None = None,
     state: StoredState | None = None,
+    remote: RemoteSide | None = None,
 ) -> Run:
     """Run an experiment and record it as run.mcap, with summary.json in the same folder.
 
@@ -270,6 +275,7 @@ def execute(
         factor: simulated time per wall time, > 0; None for as fast as possible. It leaves no trace in the recording.
         viewer: live viewer, which may change parameters during the run.
         state: state to continue from; None to begin at the start.
+        remote: remote controller that commands the drives; it may end the run early. None for the experiment's own.
 
     Raises:
         InputRefused: a drive FMU does not fit, or the state belongs to another run.
@@ -277,9 +283,11 @@ def execute(
         NotWritten: the disk is full; the rows so far stay as run.mcap.partial.
     """
     path = make_folder(Path(folder)) / RECORDING_FILE
-    with assemble(experiment, substitutes, maker, state.alive if state else {}) as assembly:
-        pace = Pace(factor, assembly.system.tick) if factor else None
-        run = _execute_and_record(experiment, assembly, path, progress, timed, pace, viewer, state)
+    link = remote.link if remote else None
+    with assemble(experiment, substitutes, maker, state.alive if state else {}, link) as assembly:
+        slice_time = SERVED_SLICE_TIME if remote else SLICE_TIME
+        pace = Pace(factor, assembly.system.tick, slice_time) if factor else None
+        run = _execute_and_record(experiment, assembly, path, progress, timed, pace, viewer, state, remote)
         summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}
         # in the summary only: the recording is shared, and paths of this machine are private
         summary["typed"] = experiment.typed
@@ -298,6 +306,7 @@ def _execute_and_record(
     pace: Pace | None,
     viewer: Viewer | None,
     state: StoredState | None,
+    remote: RemoteSide | None,
 ) -> Run:
     system, last_tick = assembly.system, experiment.duration_ticks
     # at rate "controller" no signal is recorded more often than the controller's period
@@ -305,18 +314,25 @@ def _execute_and_record(
     scene, own = Scene(experiment, system), run_observers(experiment, assembly)
     tuning = own.tuning
     topics, described = [stream.topic for stream in streams], provenance(experiment, assembly)
+    if remote:
+        topics, described[SERVED_KEY] = [*topics, *remote.topics], dict(remote.metadata)
     about, saved = identity(system, *_identity_parts(described)), state.saved_state if state else None
     if state and saved:
         if not state.branch:
             refuse_other_run(saved, about, str(state.recording))
         scene.begin_at(saved.tick)
         described |= continuation_metadata(state)
-    with Writer(path, topics, system.tick, described, scene.forms) as writer:
-        recorder = Recorder(writer, streams, scene.drawings, lambda: tuning.first)
+    with Writer(path, topics, system.tick, described, scene.forms) as writer, ExitStack() as stack:
+        paced = pace is not None and remote is not None
+        recorder = Recorder(writer, streams, scene.drawings, lambda: tuning.first, background=paced)
+        stack.callback(recorder.stop)
+        if recorder.thread:
+            share_priority(recorder.thread.native_id or 0)
         lasting = own._asdict() | {"recorder": recorder}
         asked = state_ticks(experiment.recording.states, experiment.recording.state_every, system.tick, last_tick)
         states = RunStates(asked, last_tick, system.tick, about, lasting)
-        observers = [*lasting.values(), ProgressObserver(progress, last_tick + 1)]
+        first = remote.observers(recorder, pace.deadlines if pace else None) if remote else []
+        observers: list[Observer] = [*first, *lasting.values(), ProgressObserver(progress, last_tick + 1)]
         observers += [pace] if pace else []
         observers += [ViewerObserver(viewer, streams, scene, tuning)] if viewer else []
         slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS
@@ -326,12 +342,17 @@ def _execute_and_record(
         adopt = start_branch if branches else None
         done = simulate_saving(assembly, last_tick, observers, slice_ticks, states, saved, going_on, adopt, timed)
         tuning.close()
-        if done.failure:
+        end = last_tick if done.simulation.is_over else done.simulation.next_tick - 1
+        if _is_regular_end(done) and done.simulation.next_tick > 0:
+            assert isinstance(done.failure, EndRequest)
+            recorder.end(done.failure)
+            end = done.simulation.next_tick - 1
+        elif done.failure:
             raise _with_remedy(experiment, done.simulation, assembly, recorder.abandon(done.failure))
         recording = recorder.finish()
     return Run(
         recording=recording,
-        simulated=(last_tick - (saved.tick if saved else 0)) * system.tick,
+        simulated=(end - (saved.tick if saved else 0)) * system.tick,
         stepping=done.stepping,
         writing=recorder.writing,
         events=tuple((event.tick * system.tick, event.level, event.text) for event in recorder.events),
@@ -345,6 +366,11 @@ def _execute_and_record(
         parts={role: part.sentence for role, part in assembly.third_party.items()},
         held=own.tally.held_forces,
     )
+
+
+def _is_regular_end(done: SimulationResult) -> bool:
+    """Whether a remote controller ended the run, rather than a failure or a drive's own request."""
+    return isinstance(done.failure, EndRequest) and done.simulation.culprit == "remote"
 
 
 def _describe_drive(plan: DrivePlan) -> str:

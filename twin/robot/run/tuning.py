@@ -1,6 +1,7 @@
 """Parameters that can be changed during a run."""
 
 import threading
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from twin.robot.assembly.declared import DECLARED_TABLES
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.mistakes import unknown_key
 from twin.robot.experiment.schema import changed_value
+from twin.robot.run.fault_starts import FaultStarts
 
 
 class Tuning(Observer):
@@ -19,14 +21,19 @@ class Tuning(Observer):
 
     `values`, `request` and `close` may be called from any thread.
 
+    Args:
+        starts: faults that can be started by hand; None for none.
+
     Attributes:
         first: event text of the first change by hand; "" without one.
     """
 
     lasting = ("first", "_values")
 
-    def __init__(self, experiment: Experiment, assembly: Assembly):
+    def __init__(self, experiment: Experiment, assembly: Assembly, starts: FaultStarts | None = None):
         self.first = ""
+        self._starts, self._started = starts, dict.fromkeys(starts.keys if starts else (), False)
+        self._to_start: list[str] = []
         self._experiment = experiment
         self._tunables = tunable_parameters(experiment, assembly.system)
         self._values = {key: float(tunable.number) for key, tunable in self._tunables.items()}
@@ -35,10 +42,10 @@ class Tuning(Observer):
         self._open = True
         self._lock = threading.Lock()
 
-    def values(self) -> dict[str, float]:
+    def values(self) -> Mapping[str, bool | float]:
         """Return every tunable parameter by experiment key, in the key's unit, including pending requests."""
         with self._lock:
-            return self._values | {key: number for key, (number, _) in self._asked.items()}
+            return self._started | self._values | {key: number for key, (number, _) in self._asked.items()}
 
     def request(self, key: str, number: object) -> None:
         """Request a new value of a parameter, in the unit of its key, from the next slice on.
@@ -46,6 +53,12 @@ class Tuning(Observer):
         Raises:
             InputRefused: the parameter is unknown, its value is invalid, or the run is over.
         """
+        if self._starts and key in self._starts.keys:
+            self._starts.require_button(key, number)
+            with self._lock:
+                self._to_start.append(key)
+                self._started[key] = True
+            return
         if key not in self._tunables:
             raise InputRefused(f"{unknown_key(key, list(self._tunables))}; only these can be changed while it runs")
         value = changed_value(DECLARED_TABLES, key, number, self._experiment.values)
@@ -67,6 +80,11 @@ class Tuning(Observer):
     def ready(self, tick: int) -> None:
         """Apply the requested parameter changes, so that they act from `tick` on."""
         with self._lock:
+            to_start, self._to_start = self._to_start, []
+            for key in to_start if self._starts else ():
+                assert self._starts
+                self._starts.start(key, tick)
+                self.first = self.first or f"{key} (live)"
             asked, self._asked = self._asked, {}
             for key, (number, value) in asked.items():
                 if number != self._values[key]:

@@ -1,7 +1,7 @@
 """Live viewer of a running simulation, and real-time pacing of a run."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,12 +10,15 @@ import numpy as np
 from twin.kernel.cosim.deadlines import Deadlines, clock_functions
 from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.recording.recorder import RowStream
+from twin.kernel.recording.messages import Topic
+from twin.kernel.recording.recorder import Recorder, RowStream
+from twin.robot.remote import RemoteLink
 from twin.robot.run.tuning import Tuning
 from twin.robot.scene import Scene
 
-SLICE_TIME = 0.01
-"""Wall time (s) of a slice of a paced run: short for a user who turns a knob, long compared with its overhead."""
+SLICE_TIME, SERVED_SLICE_TIME = 0.01, 0.05
+"""Wall time (s) of a slice of a paced run: short for a user who turns a knob, long compared with its overhead. In a
+served run, whose samples the Python code between two slices may delay, it is longer."""
 
 
 class Viewer(Protocol):
@@ -36,6 +39,28 @@ class Viewer(Protocol):
         Args:
             first: tick of the first row.
             rows: system outputs, (n, width), overwritten by the next slice.
+        """
+
+
+class RemoteSide(Protocol):
+    """Interface of the remote side of a served run.
+
+    Attributes:
+        link: link to the remote controller.
+        topics: topics that it records.
+        metadata: facts about it for the recording.
+    """
+
+    link: RemoteLink
+    topics: Sequence[Topic]
+    metadata: Mapping[str, str]
+
+    def observers(self, recorder: Recorder, deadlines: Deadlines | None) -> Sequence[Observer]:
+        """Create the observers of a served run, called before those of the run itself.
+
+        Args:
+            recorder: recorder of the run, with `topics`.
+            deadlines: deadlines of the ticks; None in lockstep.
         """
 
 
@@ -86,20 +111,21 @@ class Pace(Observer):
     Args:
         factor: simulated time per wall time, > 0.
         tick: duration of a tick (s).
+        slice_time: wall time of a slice (s).
 
     Attributes:
         tick_time: wall time of a tick (s).
         deadlines: deadlines of the ticks.
     """
 
-    def __init__(self, factor: float, tick: float):
-        self._factor = factor
+    def __init__(self, factor: float, tick: float, slice_time: float = SLICE_TIME):
+        self._factor, self._slice_time = factor, slice_time
         self.tick_time = tick / factor
         self.deadlines = Deadlines(self.tick_time, clock_functions())
 
     def slice_ticks(self, block: int) -> int:
-        """Return the ticks of a slice of a paced run: a divisor of `block`, at most `SLICE_TIME` or one."""
-        most = max(1, math.floor(SLICE_TIME / self.tick_time + 1e-9))
+        """Return the ticks of a slice of a paced run: a divisor of `block`, at most the slice time, or one."""
+        most = max(1, math.floor(self._slice_time / self.tick_time + 1e-9))
         return max(n for n in range(1, block + 1) if n <= most and block % n == 0)
 
     def begin(self, simulation: Simulation) -> None:

@@ -11,6 +11,7 @@ from twin.robot.controller.program import PhaseKind
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.monitor.component import other_trip, own_monitor
 from twin.robot.monitor.reasons import trip_message
+from twin.robot.run.fault_starts import FaultStarts
 from twin.robot.run.hold import HoldRequest
 from twin.robot.run.outcome import Tally
 from twin.robot.run.tuning import Tuning
@@ -45,6 +46,11 @@ class Watch(Observer):
         self._touched, self._early = False, -1
         self._monitor = own_monitor(assembly.system)
         self._tripped, self._power = False, True
+        self._spans = [(fault.onset, fault.end) for fault in experiment.faults]
+
+    def move_fault(self, index: int, onset: int, end: int) -> None:
+        """Set the ticks at which a fault of the experiment begins and ends, other than in its file."""
+        self._spans[index] = onset, end
 
     def _columns(self, *names: str) -> list[int]:
         """Return the first column of each signal; empty if a third-party controller does not report all of them."""
@@ -131,7 +137,7 @@ class Watch(Observer):
     def _faults(self, first: int, count: int) -> Iterator[TickEvent]:
         for number, fault in enumerate(self._experiment.faults, start=1):
             name = f"fault {number} ({fault.kind} of {fault.target})"
-            for tick, verb in ((fault.onset, "begins"), (fault.end, "ends")):
+            for tick, verb in zip(self._spans[number - 1], ("begins", "ends"), strict=True):
                 if first <= tick < first + count:
                     yield TickEvent(tick, "WARNING", f"{name} {verb}", f"fault_{number}")
 
@@ -146,6 +152,7 @@ class RunObservers(NamedTuple):
 
 def run_observers(experiment: Experiment, assembly: Assembly) -> RunObservers:
     """Create the stateful observers that every run has."""
-    system = assembly.system
+    system, watch = assembly.system, Watch(assembly, experiment)
     tally = Tally(system, HoldRequest.from_experiment(experiment))
-    return RunObservers(Tuning(experiment, assembly), Watch(assembly, experiment), tally)
+    starts = FaultStarts(experiment, system, watch.move_fault) if system.has_output("remote.omega_ref") else None
+    return RunObservers(Tuning(experiment, assembly, starts), watch, tally)

@@ -1,51 +1,61 @@
-"""`twin shadow` beside the stand-in: exported FMUs in FMPy, with what the twin is not told."""
+"""`twin shadow` beside a played robot whose messages have faults."""
 
 import json
 import sys
 import time
+import tomllib
 from pathlib import Path
 from subprocess import Popen
 
+import numpy as np
 import pytest
 
 from tests.conftest import ROOT
-from tests.studies.replay.logs import FIG4
+from tests.studies.replay.logs import FIG4, ran
 from tests.studies.shadow.conftest import Start
 from tests.studies.shadow.test_live import ended
 from twin.kernel.recording.reader import read
-from twin.studies.build.study import build
-from twin.studies.command import ignore_progress
 
-STAND_IN = ROOT / "examples" / "robot_stand_in"
+PLAYER = Path(__file__).with_name("player.py")
+MAPS = [
+    word
+    for signal, column in tomllib.loads((ROOT / "examples" / "served_robot.toml").read_text()).items()
+    if not signal.startswith(("scale", "drive"))
+    for word in ("--map", f"{signal}={column}")
+]
+"""The player has neither a scale nor torques."""
 pytestmark = pytest.mark.slow
+
+
+def played(folder: Path, *settings: str) -> Path:
+    """Angles and commands of a run, as the player takes them."""
+    run, path = ran(FIG4, *settings), folder / "run.npy"
+    np.save(path, np.hstack([run[f"estimator.theta_{side}"] for side in "ml"] + [run["controller.omega_ref"]]))
+    return path
 
 
 @pytest.fixture(scope="session")
 def robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Its parts."""
-    folder = tmp_path_factory.mktemp("stand_in")
-    for part in ("plant", "computer"):
-        build(Path(FIG4), ignore_progress, fmu=part, out=folder / f"{part}.fmu")
-    return folder
+    """A healthy run."""
+    return played(tmp_path_factory.mktemp("played"))
 
 
 def moving(start: Start, robot: Path, domain: int, seconds: float, *options: str) -> Popen[str]:
-    """The stand-in with those options."""
-    words = [sys.executable, STAND_IN / "robot.py", robot, "--domain", domain, "--seconds", seconds, *options]
-    return start(*words)
+    """The player with those options."""
+    return start(sys.executable, PLAYER, robot, "--domain", domain, "--seconds", seconds, *options)
 
 
 def twin_of(start: Start, seconds: float, out: Path) -> Popen[str]:
     """A session of so many seconds."""
     words = [sys.executable, "-m", "twin", "shadow", FIG4, "--source", "ros2:/joint_states"]
-    return start(*words, "--map", STAND_IN / "robot.toml", "--duration-s", seconds, "--json", "--out", out)
+    return start(*words, *MAPS, "--duration-s", seconds, "--json", "--out", out)
 
 
 def beside(start: Start, robot: Path, domain: int, out: Path, *options: str, seconds: float = 2.5) -> dict:
     """What a session beside the robot with those options came to."""
-    stand_in = moving(start, robot, domain, seconds + 0.7, *options)
+    player = moving(start, robot, domain, seconds + 0.7, *options)
     code, text, err = ended(twin_of(start, seconds, out))
-    assert code == 0, (err, stand_in.poll())
+    assert code == 0, (err, player.poll())
     facts: dict = json.loads(text)
     return facts
 
@@ -122,6 +132,16 @@ def test_a_twin_that_is_late_joins_and_stays_when_the_robot_is_switched_off_and_
     assert facts["counts"]["missing"] < 500 * facts["seconds"] - 100
 
 
-def test_a_softer_spring_is_seen_in_the_joints(start: Start, robot: Path, domain: int, tmp_path: Path):
-    facts = beside(start, robot, domain, tmp_path / "out", "--set", "plant.k_s_Nm_per_rad=0.7", seconds=4.0)
+def test_lost_and_late_messages_are_counted_and_drift_is_seen(start: Start, robot: Path, domain: int, tmp_path: Path):
+    facts = beside(start, robot, domain, tmp_path / "lost", "--loss", "0.05", "--jitter-ms", "5")
+    counts = facts["counts"]
+    # 62 +- 8 of 1250
+    assert 0.02 < counts["missing"] / (counts["samples"] + counts["missing"]) < 0.09
+    facts = beside(start, robot, domain, tmp_path / "drift", "--drift-deg-per-s", "0.2", seconds=4.0)
+    assert facts["residuals"]["plant joint 1"]["rms"] > 3 * facts["residuals"]["plant joint 2"]["rms"]
+
+
+def test_a_softer_spring_is_seen_in_the_joints(start: Start, domain: int, tmp_path: Path):
+    robot = played(tmp_path, "plant.k_s_Nm_per_rad=0.7")
+    facts = beside(start, robot, domain, tmp_path / "out", seconds=4.0)
     assert max(facts["residuals"][f"plant joint {i}"]["rms"] for i in (1, 2, 3)) > 0.003

@@ -1,0 +1,67 @@
+"""Start of an experiment's faults by hand, while it is stepped."""
+
+from collections.abc import Callable
+
+from twin.kernel.cosim.system import System
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.build import surface_motions
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import FAULT_KINDS, NO_END_TICK
+from twin.robot.faults import FaultComponent
+from twin.robot.plant.surface_motion import Body
+
+
+class FaultStarts:
+    """Buttons that start the faults of a run: `fault.N.start` for the [[fault]] table N.
+
+    Args:
+        moved: called with index, onset and end (ticks) of each fault that is started, before the slice in which it
+            begins.
+
+    Attributes:
+        keys: number of the table by key.
+    """
+
+    def __init__(self, experiment: Experiment, system: System, moved: Callable[[int, int, int], None]):
+        self.keys = {f"fault.{table}.start": table for table in sorted({fault.table for fault in experiment.faults})}
+        self._experiment, self._system, self._moved = experiment, system, moved
+
+    def require_button(self, key: str, value: object) -> None:
+        """Reject a value that does not start a fault.
+
+        Raises:
+            InputRefused: another value than true.
+        """
+        if value is not True:
+            raise InputRefused(f"{key} = {value!r}: expected true, which starts the fault; it cannot be undone")
+
+    def start(self, key: str, tick: int) -> None:
+        """Let the faults of a table begin at `tick`; a limited fault keeps its duration."""
+        for index, fault in enumerate(self._experiment.faults):
+            if fault.table != self.keys[key]:
+                continue
+            for component in self._system.components:
+                if isinstance(component, FaultComponent) and _belongs(component.name, index + 1):
+                    component.begin_at(tick)
+            end = NO_END_TICK if fault.end == NO_END_TICK else fault.end - fault.onset + tick
+            if FAULT_KINDS[fault.kind].mechanism == "body":
+                self._move_surface(index, tick, end)
+            self._moved(index, tick, end)
+
+    def _move_surface(self, index: int, tick: int, end: int) -> None:
+        """Let the surface motion of a fault begin at `tick`."""
+        body = self._system.component("body")
+        if not isinstance(body, Body):
+            return
+        before = self._experiment.faults[:index]
+        place = len(surface_motions(self._experiment.contact))
+        place += sum(FAULT_KINDS[fault.kind].mechanism == "body" for fault in before)
+        motion = body.pointers["motions"][place : place + 1]
+        motion["onset"] = tick * self._system.tick
+        if end != NO_END_TICK:
+            motion["end"] = end * self._system.tick
+
+
+def _belongs(name: str, number: int) -> bool:
+    """Whether a component belongs to fault `number`: fault_1, and fault_1_power behind it."""
+    return name == f"fault_{number}" or name.startswith(f"fault_{number}_")

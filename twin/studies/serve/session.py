@@ -1,0 +1,414 @@
+"""Session of a served robot: the process of its topics, the run, both sides in one recording."""
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from twin.kernel.cosim.deadlines import Deadlines
+from twin.kernel.cosim.observers import Level, Observer, TickEvent
+from twin.kernel.cosim.port import width
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.errors import ComponentFailed, EndRequest, InputRefused, SafetyTrip
+from twin.kernel.process.black_box import exit_phrase
+from twin.kernel.process.guard import POLL_INTERVAL, raise_failure
+from twin.kernel.process.job import JobLimits, recording_status
+from twin.kernel.process.mailbox import OBEYED_TAG, Mailbox, MailboxEntry
+from twin.kernel.process.process import GuardedProcess
+from twin.kernel.process.real_time import real_time
+from twin.kernel.process.reporter import Reporter
+from twin.kernel.recording.folder import claim_run_folder, create_run_folder, discard_run_folder
+from twin.kernel.recording.messages import Field, Topic
+from twin.kernel.recording.recorder import Recorder
+from twin.robot.assembly.assemble import IN_PROCESS_MAKER
+from twin.robot.assembly.build import DriveMaker, have_effort, need_processes, planned_drives
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.differences import robot_values
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.live.runs import live_server
+from twin.robot.remote import COMMAND_PORTS, SAMPLE_PORTS, RemoteController, RemoteLink
+from twin.robot.run.cost import refuse_endless
+from twin.robot.run.run import Run, execute
+from twin.robot.run.trace import Trace
+from twin.studies.check.baseline import OWN_DRIVE, Baseline, baseline_folder_of
+from twin.studies.check.job import stored_baseline
+
+WIRE_JOB = "twin.studies.serve.wire:exchange"
+WATCHDOG_PERIODS = 5.0
+"""Default time of the watchdog, in periods of the controller."""
+FLUSH_INTERVAL = 0.5
+"""Simulated time (s) between two writes of all recorded data to the file."""
+CLOSE_TIMEOUT = 3.0
+"""Timeout (s) for the process of the topics to end by itself."""
+COMMANDS_TOPIC = Topic(
+    "commands",
+    (
+        Field("omega_ref", 3, "double", "rad/s", "motor speeds of a command, as they arrived"),
+        Field("number", 1, "int", "1", "number of the command"),
+        Field("answers", 1, "int", "1", "tick that it answers; -1 for no tick"),
+        Field("obeyed", 1, "bool", "1", "whether it was passed on to the robot"),
+    ),
+    1,
+)
+"""Recorded topic of a remote controller's commands, at their times of arrival; in lockstep at the ticks they answer."""
+MIN_COMMAND_GAP = 1e-6
+"""Minimum distance (ticks) between recorded commands: 1 ns for a tick of 1 ms."""
+
+
+@dataclass(frozen=True)
+class ServeOptions:
+    """Options of a served robot.
+
+    Attributes:
+        lockstep: whether each sample waits for its answer.
+        answer: time (s) without an answer after which a run in lockstep ends.
+        commands: message type of commands: "joint" or "array".
+        command_topic: topic of the commands; "" for the usual one of the type.
+        watchdog, silence: see `RemoteLink`; a watchdog of None is `WATCHDOG_PERIODS`.
+        names: joint names: motors 1 to 3, then links 1 to 3.
+        domain: DDS domain; None for that of ROS_DOMAIN_ID.
+    """
+
+    lockstep: bool
+    answer: float
+    commands: str
+    command_topic: str
+    watchdog: float | None
+    silence: float
+    names: tuple[str, ...]
+    domain: int | None
+
+
+class WireProcess:
+    """The process that publishes samples and receives commands; a context manager that ends it.
+
+    Args:
+        say: receives lines for the user, such as the topics that the process waits for.
+
+    Attributes:
+        mailbox: mailbox shared with the process.
+        events: events (tick, or -1 for the present one; level; text) to be recorded.
+        summary: facts about the exchange, once the process has ended.
+    """
+
+    def __init__(self, say: Callable[[str], None]):
+        self._say, self._process, self._ready = say, GuardedProcess(WIRE_JOB), False
+        self.mailbox = Mailbox(self._process.box.fd, width(SAMPLE_PORTS), width(COMMAND_PORTS))
+        self.events: list[tuple[int, Level, str]] = []
+        self.summary: dict[str, Any] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self._process.close()
+
+    def start(self, settings: Mapping[str, Any]) -> None:
+        """Start the exchange and wait until the run may begin."""
+        self._process.start({"settings": dict(settings)})
+        while not self._ready:
+            self.poll(POLL_INTERVAL)
+
+    def poll(self, wait: float = 0.0) -> None:
+        """Take the reports of the process, after waiting at most `wait` (s) for one; raise its error if it failed."""
+        for report in self._process.reports(wait):
+            raise_failure(report)
+            note = report.get("note", {})
+            if "waiting" in note:
+                self._say(note["waiting"])
+            if "event" in note:
+                self.events.append((note.get("tick", -1), note.get("level", "WARNING"), note["event"]))
+            self._ready |= bool(note.get("ready"))
+            self.summary = report.get("finished", self.summary)
+        if self._process.gone and not self.summary:
+            how, (*_, printed) = exit_phrase(self._process.end()), ["", *self._process.output_tail.strip().splitlines()]
+            raise ComponentFailed(f"the process of the topics {how}{f'; it printed: {printed}' if printed else ''}")
+
+    def finish(self) -> None:
+        """End the exchange, and wait for its summary."""
+        self.mailbox.close()
+        deadline = time.monotonic() + CLOSE_TIMEOUT
+        while not self.summary and time.monotonic() < deadline:
+            self.poll(POLL_INTERVAL)
+
+
+class ServedRobot(Observer):
+    """Remote side of a served run, see `RemoteSide`, and its observer: it records commands and events of the wire.
+
+    Ctrl-C and SIGTERM end the run regularly.
+
+    Args:
+        wire: process of the topics.
+        options: options of the command line.
+        period: period of the controller (s).
+        trace: observer that keeps the signals; None for none.
+
+    Attributes:
+        enough: whether Ctrl-C or SIGTERM ended the run.
+    """
+
+    enough = False
+
+    def __init__(self, wire: WireProcess, options: ServeOptions, period: float, trace: Trace | None = None):
+        watchdog = WATCHDOG_PERIODS * period if options.watchdog is None else options.watchdog
+        self._wire, self._trace = wire, trace
+        self.link = RemoteLink(wire.mailbox, options.lockstep, watchdog, options.silence, self._check)
+        self.topics: Sequence[Topic] = [COMMANDS_TOPIC]
+        times = {} if options.lockstep else {"watchdog_s": f"{watchdog:g}", "silence_s": f"{options.silence:g}"}
+        mode = "lockstep" if options.lockstep else "real time"
+        self.metadata: Mapping[str, str] = {"mode": mode, **times, "irregular": COMMANDS_TOPIC.name}
+        self._newest, self._flushed = 0.0, 0
+
+    def observers(self, recorder: Recorder, deadlines: Deadlines | None) -> Sequence[Observer]:
+        """Return the observers of the run."""
+        self._recorder, self._deadlines = recorder, deadlines
+        return [self, *([self._trace] if self._trace else [])]
+
+    def begin(self, simulation: Simulation) -> None:
+        self._simulation, self._tick = simulation, simulation.system.tick
+        remote = simulation.system.component("remote")
+        assert isinstance(remote, RemoteController)
+        self._remote = remote
+        if self._deadlines:
+            remote.follow(self._deadlines)
+        # replaces the handlers of the run, which would leave the recording unfinished; the run restores the first ones
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, self._stop)
+
+    @property
+    def unanswered(self) -> str:
+        """Error message of a run in lockstep that ended without an answer; "" for another end."""
+        failure = self._simulation.failure
+        return str(failure) if isinstance(failure, EndRequest) and not self.enough else ""
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Facts about the exchange: mode, counts of both sides."""
+        return {**self.metadata, **self._remote.counts, **self._wire.summary}
+
+    def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        # in lockstep the wire reports before it answers, so that events of this slice have arrived
+        self._wire.poll()
+        last = max(first, first + len(rows) - 1)
+        for tick, level, text in self._wire.events:
+            events.append(TickEvent(min(max(tick, first), last) if tick >= 0 else last, level, text, "wire"))
+        self._wire.events.clear()
+        events.sort(key=lambda event: event.tick)
+        if commands := self._wire.mailbox.commands.pop_all():
+            self._record(commands, last)
+        if self._simulation.next_tick - self._flushed >= round(FLUSH_INTERVAL / self._tick):
+            self._flushed = self._simulation.next_tick
+            self._recorder.call(lambda writer: writer.flush())
+
+    def _record(self, commands: Sequence[MailboxEntry], last: int) -> None:
+        ticks = []
+        for one in commands:
+            at = float(one.tick if one.tick >= 0 else last)
+            if self._deadlines:
+                pace = self._deadlines.memory[0]
+                at = (one.time - int(pace["begun"])) / float(pace["tick"])
+            self._newest = max(at, self._newest + MIN_COMMAND_GAP)
+            ticks.append(self._newest)
+        rows = [[*one.values, one.number, one.tick, one.tag == OBEYED_TAG] for one in commands]
+        times, values = np.array(ticks), np.array(rows, dtype=float)
+        self._recorder.call(lambda writer: writer.write_at(COMMANDS_TOPIC.name, times, values))
+
+    def _check(self) -> None:
+        self._wire.poll()
+        if self.enough:
+            raise EndRequest("waited for an answer when it was ended by hand")
+
+    def _stop(self, number: int, frame: Any) -> None:
+        if self.enough:
+            raise KeyboardInterrupt
+        self.enough = True
+
+
+def served_run(
+    reporter: Reporter,
+    experiment: str,
+    settings: Sequence[str],
+    drive: str | None,
+    body: str | None,
+    out: str | None,
+    options: Mapping[str, Any],
+    isolate_drives: bool = False,
+    limit_step: float = JobLimits.step,
+    check: bool = False,
+    baselines: str | None = None,
+    sure: bool = False,
+    live: Mapping[str, Any] | None = None,
+    results: str = "results",
+) -> dict[str, Any]:
+    """Serve the robot of an experiment to a remote controller, as the job of `twin serve`.
+
+    Notes: {"line": text for the user}; those of `recorded_runs`; the fields of the run have `served` in addition.
+
+    Args:
+        experiment, settings, drive, body, out, isolate_drives, limit_step, sure: see `recorded_runs`.
+        options: fields of `ServeOptions`.
+        check: whether to compare the measures with their baseline, in the folder `baselines`.
+        live: port and origins of a live server; None for none.
+
+    Returns:
+        {"text": comparison with the baseline, "" without one; "exit_code": 1 if a measure deviates, else 0}.
+
+    Raises:
+        InputRefused: the experiment has errors, no baseline, or the network is unusable.
+        ComponentFailed: a component failed, or the controller did not answer; then the recording is whole.
+        SafetyTrip: the monitor tripped in an experiment without faults.
+        KeyboardInterrupt: Ctrl-C; the recording is whole.
+    """
+    asked, loaded = ServeOptions(**options), load_experiment(Path(experiment), settings, drive, body)
+    if not sure:
+        refuse_endless([loaded], None if asked.lockstep else 1.0)
+    # a missing baseline is refused before anything is served
+    baseline = _baseline(Path(experiment), drive or OWN_DRIVE, baselines) if check else None
+    plans, trace = planned_drives(loaded), Trace() if check else None
+
+    def say(text: str) -> None:
+        reporter.note(line=text)
+
+    with WireProcess(say) as wire:
+        wire.start(wire_settings(loaded, asked, have_effort(plans)))
+        reporter.loading()
+        folder = claim_run_folder(Path(out)) if out else create_run_folder(Path(results), loaded.name, datetime.now())
+        folder = folder.absolute()
+        reporter.note(experiment=loaded.name, folder=str(folder), duration=loaded.duration_ticks * loaded.cosim.tick)
+        robot = ServedRobot(wire, asked, loaded.controller_ticks * loaded.cosim.tick, trace)
+        try:
+            apart = limit_step if isolate_drives or need_processes(plans) else None
+            run = _execute(reporter, loaded, folder, robot, apart, live, say)
+        except InputRefused:
+            if not out:
+                discard_run_folder(folder)
+            raise
+        except ComponentFailed:
+            # a wait before the first row that was ended by hand
+            if robot.enough:
+                raise KeyboardInterrupt from None
+            raise
+        wire.finish()
+    done: dict[str, Any] = {"text": "", "exit_code": 0}
+    served = robot.facts
+    if baseline and trace and not robot.enough and not robot.unanswered:
+        done, served["check"] = _compare(loaded, drive or OWN_DRIVE, baseline, trace)
+    facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
+    facts["robot_values"] = robot_values(loaded.values, loaded.origins)
+    facts["remarks"] = [
+        *([run.punctuality.sentence] if run.punctuality else []),
+        *(["changed while it ran: the experiment's file alone does not repeat it"] if run.changed else []),
+    ]
+    reporter.note(run=facts | {"served": {"lines": exchange_lines(served), "facts": served}})
+    if robot.enough:
+        raise KeyboardInterrupt
+    if robot.unanswered:
+        raise ComponentFailed(f"{robot.unanswered}\n{recording_status(folder)}")
+    if run.trip and not loaded.faults:
+        raise SafetyTrip(f"{loaded.name}: {run.trip}")
+    return done
+
+
+def _execute(
+    reporter: Reporter,
+    experiment: Experiment,
+    folder: Path,
+    robot: ServedRobot,
+    apart: float | None,
+    live: Mapping[str, Any] | None,
+    say: Callable[[str], None],
+) -> Run:
+    """Run and record the experiment.
+
+    Args:
+        apart: timeout (s) of a call into drives in processes of their own; None for drives in this process.
+    """
+    with ExitStack() as stack:
+        if not robot.link.lockstep and (refused := stack.enter_context(real_time())):
+            say(refused)
+        viewer = None
+        maker: DriveMaker = IN_PROCESS_MAKER
+        if live is not None:
+            server = live_server(
+                announce=lambda address: say(f"serving {address}; viewers may come and go"),
+                warn=lambda refusal: say(f"refused: {refusal}"), waits=False, **live,
+            )  # fmt: skip
+            viewer = stack.enter_context(server)
+        if apart is not None:
+            # imported here, as its compiled code takes a while to load
+            from twin.robot.assembly.isolated_drive import IsolatedDrives
+
+            maker = stack.enter_context(IsolatedDrives(reporter, apart))
+        factor = None if robot.link.lockstep else 1.0
+        return execute(
+            experiment, folder, reporter.progress, timed=True, maker=maker, factor=factor, viewer=viewer, remote=robot
+        )
+
+
+def wire_settings(experiment: Experiment, options: ServeOptions, effort: bool) -> dict[str, Any]:
+    """Return the settings of the process of the topics."""
+    return {
+        "lockstep": options.lockstep,
+        "answer_s": options.answer,
+        "names": list(options.names),
+        "commands": options.commands,
+        "command_topic": options.command_topic,
+        "domain": options.domain,
+        "tick_s": experiment.cosim.tick,
+        "counts_m": experiment.plant.motor_counts_per_turn,
+        "counts_l": experiment.plant.joint_counts_per_turn,
+        "has_effort": effort,
+        "has_scale": experiment.scale is not None,
+    }
+
+
+def exchange_lines(facts: Mapping[str, Any]) -> list[str]:
+    """Format the facts about the exchange of a served run as lines."""
+    counts = [f"{facts['samples_written']} samples", f"{facts['commands_read']} commands"]
+    for key, text in (("superseded", "replaced before a tick"), ("invalid", "not a number")):
+        counts += [f"{facts[key]} {text}"] if facts[key] else []
+    counts += [f"{count} {reason}" for reason, count in facts.get("ignored", {}).items() if count]
+    lines = [f"{facts['mode']}: {', '.join(counts)}"]
+    if latency := facts.get("latency_ms"):
+        p50, p99, largest = (latency[key] for key in ("p50", "p99", "largest"))
+        lines.append(f"from a command to the next sample {p50:.2f} ms, {p99:.2f} ms at 99 %, at most {largest:.2f} ms")
+    return [*lines, *facts.get("notes", ())]
+
+
+def _baseline(experiment: Path, drive: str, folder: str | None) -> Baseline:
+    """Return the stored baseline of an experiment; refuse if there is none."""
+    from twin.robot.experiment.experiment_files import experiment_file
+
+    file = experiment_file(experiment)
+    return stored_baseline(Path(folder) if folder else baseline_folder_of(file, update=False), file, drive)
+
+
+def _compare(
+    experiment: Experiment, drive: str, baseline: Baseline, trace: Trace
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Compare a completed run with its baseline. Return (text and exit code, facts).
+
+    A measure that is undefined for this run deviates, since the baseline has a value.
+    """
+    from twin.kernel.serialise import to_dict
+    from twin.robot.mechanism.geometry import geometry_of
+    from twin.studies.check.measurement import Signals, measure_signals
+    from twin.studies.check.text import check_result
+    from twin.studies.check.verdict import verdict
+    from twin.studies.result import render_text
+
+    fmus = {fmu.path.name: fmu.sha256 for plan in planned_drives(experiment) for fmu in plan.parts.values()}
+    signals = Signals(trace, geometry_of(experiment.controller.model), fmus)
+    try:
+        found = verdict(experiment, drive, baseline, measure_signals(experiment, signals))
+    except InputRefused as undefined:
+        return {"text": f"Deviates: {undefined}", "exit_code": 1}, {"undefined": str(undefined)}
+    return {"text": render_text(check_result([found], [])), "exit_code": int(bool(found.deviations))}, to_dict(found)
