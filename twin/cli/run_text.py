@@ -31,7 +31,9 @@ def run_text(run: Mapping[str, Any]) -> str:
     """
     speed = f"{run['simulated']:g} s at {run['real_time_factor']:.0f} x real time"
     values = measured_values(run["outcome"]["measures"])
-    lines = [f"{run['experiment']}  {speed}{_warning(values)}", *(f"  {remark}" for remark in run["remarks"])]
+    lines = [f"{run['experiment']}  {speed}{_warning(values)}"]
+    for remark in run["remarks"]:
+        lines += wrap_text(remark, "  ")
     lines += [*_hold(values), *_outcome(run["outcome"], run["held"]), *_events(run), *_robot(run), *_drives(run)]
     for role, text in run["parts"].items():
         lines += wrap_text(text.removeprefix(f"{role}: "), f"  {role:10} ")

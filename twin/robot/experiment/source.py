@@ -89,18 +89,17 @@ class Replacement(NamedTuple):
         names: whether a table's keys trigger the rule.
         retained: keys of the replaced table that stay; None if neither keys nor the table's position stay.
         by_key: whether a single key on the command line triggers the rule, too.
-        by_option: like `retained`, if the table is named by an option of its own, `--drive` or `--body`.
     """
 
     names: Callable[[Mapping[str, Any]], bool]
     retained: tuple[str, ...] | None
     by_key: bool = False
-    by_option: tuple[str, ...] | None = None
 
 
 REPLACEMENT_RULES: dict[str, tuple[Replacement, ...]] = {
     "drive": (Replacement(names_drive, None),),
-    "contact": (Replacement(_has_any_key("body"), None, by_option=("height_mm",)),),
+    # the height belongs to the robot that works there, not to the body
+    "contact": (Replacement(_has_any_key("body"), ("height_mm",)),),
     # for waypoints, one file may give the times and another the positions
     "reference": (
         Replacement(_has_any_key(*REFERENCE_SHAPES), ()),
@@ -123,10 +122,12 @@ class Source:
     Attributes:
         values: nested tables; arrays as tuples.
         origins: origin of each value by dotted key: its own `source`, or the file or option that set it.
+        remarks: remarks on values that a run reports, such as the height of the surface.
     """
 
     values: dict[str, Any] = field(default_factory=dict)
     origins: dict[str, str] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
 
     def overlay(self, tables: dict[str, Any], origin: str, by_key: bool = False) -> None:
         """Merge tables over the present values of the experiment.
@@ -147,7 +148,7 @@ class Source:
     def select_file(self, table: str, key: str, value: str) -> None:
         """Replace a table of the experiment by a file given on the command line with `--drive` or `--body`."""
         (rule,) = rules_for(table, {key: value})
-        self.remove(table, rule.by_option)
+        self.remove(table, rule.retained)
         self.values[table] = {key: value, **self.values.get(table, {})}
         self.origins[f"{table}.{key}"] = COMMAND_LINE
 
