@@ -32,6 +32,8 @@ RETAINED_KEYS = {
     "scale": ("period_ms",),
 }  # fmt: skip
 """Roles of the robot that may be third-party, and the keys of their tables that still act then."""
+ROBOT_TABLES = {"robot", "controller", "plant", "contact", "approach", "monitor"}
+"""Tables that a robot's file may have; the last three only with values that follow from its lengths."""
 FILE_KEYS = ("fmu", "python")
 """Keys with a file as value; for a class with its name after a colon."""
 MAX_CHAIN_LENGTH = 32
@@ -54,8 +56,8 @@ def refuse_other_files(values: Mapping[str, Any], path: Path) -> None:
     """
     tables, name = values.keys(), shlex.quote(str(path))
     reason = ""
-    if tables <= {"robot", "controller", "plant"} and "robot" in tables:
-        reason = f"a robot, not an experiment; one extends it: extends = {str(path)!r}; twin init writes a whole one"
+    if is_robot(values):
+        reason = f"a robot, not an experiment; twin init experiment.toml --robot {name} writes an experiment on it"
     elif tables == {"contact"}:
         reason = f"a body, not an experiment; press on it with: twin run pressing --body {name}"
     elif {"experiment", "vary"} & tables and "title" not in tables:
@@ -64,6 +66,11 @@ def refuse_other_files(values: Mapping[str, Any], path: Path) -> None:
         reason = f"the mapping of a drive, not an experiment; use it with: twin run fig4_force_position --drive {name}"
     if reason:
         raise InputRefused(f"{path}: {reason}")
+
+
+def is_robot(values: Mapping[str, Any]) -> bool:
+    """Whether merged values of files describe a robot, and not an experiment."""
+    return "robot" in values and values.keys() <= ROBOT_TABLES
 
 
 def names_drive(table: Mapping[str, Any]) -> bool:

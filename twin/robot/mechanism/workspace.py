@@ -5,6 +5,7 @@ rod from the plane across that axis, asin(w/l_b) with w the sideways part of A_i
 between the joints; the rods of a pair are half their spacing to either side of A_iP_i.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,10 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from twin.kernel.compiled.function import carray, njit
 from twin.kernel.compiled.native import entry
 from twin.robot.mechanism.geometry import AXIS, Geometry, skeleton, triples
-from twin.robot.mechanism.kinematics import circumcentre, joint_angles, leg_angle
+from twin.robot.mechanism.kinematics import circumcentre, joint_angles, leg_angle, position
+from twin.robot.mechanism.unreachable import Unreachable
 
 BARS_PER_LEG = 3
 """Bars of a leg: its link and the two rods of its pair."""
+HOME_ANGLE = math.radians(20.0)
+"""Angle (rad) of all proximal links in the home pose, below the horizontal: that of the paper's robot as it presses."""
 
 
 @njit(cache=True)
@@ -57,6 +61,30 @@ def is_reachable(geometry: Geometry, p_B: ArrayLike) -> NDArray[np.bool_]:
     reachable = np.empty(p_B.shape[:-1], dtype=np.bool_)
     _reachable(np.array(geometry, dtype=float), np.ascontiguousarray(p_B), reachable.size, reachable)
     return reachable
+
+
+def home_height(geometry: Geometry) -> float:
+    """Return the z (m) of the home pose: the platform on the axis, all proximal links at `HOME_ANGLE` (Eq. 13-17).
+
+    Raises:
+        Unreachable: the distal links do not meet there, or only beyond the parallel singularity.
+    """
+    pose = (HOME_ANGLE,) * 3
+    at = f"no home pose: with the proximal links {math.degrees(HOME_ANGLE):g} deg below the horizontal"
+    try:
+        p_B = position(geometry, pose)
+    except Unreachable as problem:
+        needed = 1e3 * (geometry.l_b + problem.excess)
+        raise Unreachable(
+            f"{at} the distal links meet at l_b > {needed:.1f} mm, have {1e3 * geometry.l_b:.1f} mm; lengthen l_b, or "
+            "shorten l_a or a",
+            0, pose, problem.excess,
+        ) from None  # fmt: skip
+    if not (p_B[2] < 0.0 and is_reachable(geometry, p_B)):
+        raise Unreachable(
+            f"{at} the platform is beyond the parallel singularity; expected b below a + l_a", 0, pose, abs(p_B[2])
+        )
+    return float(p_B[2])
 
 
 class Bars(NamedTuple):

@@ -11,7 +11,7 @@ from twin.robot.experiment.schema import WayPoints
 from twin.robot.mechanism.geometry import Geometry, geometry_of
 from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.mechanism.unreachable import Unreachable
-from twin.robot.mechanism.workspace import BARS_PER_LEG, Bars, ball_joint_angles, clearances
+from twin.robot.mechanism.workspace import BARS_PER_LEG, Bars, ball_joint_angles, clearances, is_reachable
 from twin.robot.plant.dynamics import TrueRobot
 
 WAY_POINT_SPACING = 1e-3
@@ -51,6 +51,25 @@ def find_obstruction(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, s
                 "with [plant] link_diameter_mm, rod_diameter_mm and rod_spacing_mm; expected them apart, move the point"
             )
     return None
+
+
+def free_poses(plant: TrueRobot, p_B: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether each platform pose, (n, 3) in m, is within reach and unobstructed, see `find_obstruction`."""
+    geometry = geometry_of(plant)
+    free = is_reachable(geometry, p_B)
+    places = p_B[free]
+    theta_l = joint_angles(geometry, places)
+    lower, upper = plant.joint_lower, plant.joint_upper
+    clear = np.ones(len(places), dtype=np.bool_)
+    clear &= (theta_l >= (-np.inf if lower is None else lower)).all(axis=1)
+    clear &= (theta_l <= (np.inf if upper is None else upper)).all(axis=1)
+    if plant.ball_joint_limit is not None:
+        clear &= (ball_joint_angles(geometry, places) <= plant.ball_joint_limit).all(axis=1)
+    sizes = plant.link_diameter, plant.rod_diameter, plant.rod_spacing
+    if None not in sizes:
+        clear &= clearances(geometry, Bars(*sizes), places)[0] >= 0.0  # type: ignore[arg-type]
+    free[free] = clear
+    return free
 
 
 def _find_stop_obstruction(plant: TrueRobot, geometry: Geometry, places: NDArray[np.float64]) -> tuple[int, str] | None:

@@ -1,0 +1,275 @@
+"""Files of a robot of one's own: lengths and masses given, heights and limits computed, the rest inherited.
+
+The home pose (`mechanism.workspace.home_height`) decides the height at which the robot works, as Fig. 4 does for the
+paper's robot: there the platform presses, `PRESS_DEPTH` below the surface. All distances from the surface are those of
+the shipped experiments, times a share for robots that are too small for them.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.files import parse_toml
+from twin.robot.assembly.build import monitor_belief
+from twin.robot.assembly.checks.monitor_limits import contradictions, derived_limits
+from twin.robot.assembly.checks.reach import find_obstruction, free_poses
+from twin.robot.assembly.declared import DECLARED_TABLES
+from twin.robot.assembly.load import checked_experiment
+from twin.robot.experiment.drive_files import locate_drive
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.mistakes import MAX_LENGTH, MIN_LENGTH, check_table
+from twin.robot.experiment.robot_file import SHIPPED_RADIUS, SHIPPED_SURFACE, fit_to_robot
+from twin.robot.experiment.source import Source, apply_overrides, read_source, toml_value
+from twin.robot.experiment.template import (
+    EXAMPLE_FILES,
+    ROBOT_FILE,
+    commented_experiment,
+    commented_robot,
+    shipped_experiment,
+    start_experiment,
+    write_new,
+)
+from twin.robot.mechanism.geometry import geometry_of
+from twin.robot.mechanism.kinematics import joint_angles
+from twin.robot.mechanism.workspace import home_height
+from twin.robot.monitor.limits import Monitor
+from twin.robot.paths import locate_file
+from twin.robot.plant.dynamics import TrueRobot
+
+LENGTHS, MASSES = ("a", "b", "l_a", "l_b"), ("m_a", "m_b", "m_p")
+PRESS_DEPTH = 4.0
+"""Depth (mm) of the home pose below the surface: Fig. 4 presses at p_z = -105 mm on a surface at -101 mm."""
+APPROACH_HEIGHT, FLOOR_DEPTH = 9.0, 29.0
+"""Height of travel above the surface and depth of the deepest search for contact (mm), as in massage.toml."""
+TOP_HEIGHT, BOTTOM_DEPTH = 26.0, 34.0
+"""Height above and depth below the surface of the monitor's z_max and z_min (mm), its defaults on the shipped robot."""
+SPACE_SHARES = tuple(round(1.0 - 0.05 * step, 2) for step in range(15))
+"""Shares of the shipped workspace that are tried, the largest first; with less there is no room for a massage."""
+TASK_SPACE = 0.8
+"""Maximum height of travel as a share of the monitor's z_max above the surface."""
+
+
+def given_numbers(option: str, texts: Iterable[str], names: Sequence[str]) -> dict[str, float]:
+    """Parse `name=number` texts of an option; all numbers are > 0.
+
+    Raises:
+        InputRefused: a name is unknown or repeated, or a number is invalid.
+    """
+    found: dict[str, float] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        if name not in names:
+            raise InputRefused(f"{option} {text}: no such value; {nearest(name, names, 'expected {}')}")
+        if name in found:
+            raise InputRefused(f"{option} {text}: {name} is given twice")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise InputRefused(f"{option} {text}: expected a number, as in {name}=80") from None
+        if not 0.0 < found[name] < math.inf:
+            raise InputRefused(f"{option} {text}: expected a number > 0")
+    return found
+
+
+def cylinder_poses(radius: float, bottom: float, top: float) -> NDArray[np.float64]:
+    """Return platform poses (n, 3) that fill a vertical cylinder about the axis, SI."""
+    angles, shares = np.radians(np.arange(0.0, 360.0, 5.0)), np.array([1.0, 0.5])
+    disk = [(share * radius * np.cos(angles), share * radius * np.sin(angles)) for share in shares]
+    x, y = np.append(np.ravel([x for x, _ in disk]), 0.0), np.append(np.ravel([y for _, y in disk]), 0.0)
+    heights = np.linspace(bottom, top, 13)
+    return np.column_stack([np.tile(x, len(heights)), np.tile(y, len(heights)), np.repeat(heights, len(x))])
+
+
+class WorkingSpace(NamedTuple):
+    """Place at which a robot works, from its lengths (mm).
+
+    Attributes:
+        home: z of the home pose.
+        surface: z of the surface.
+        share: share of the shipped workspace.
+        limits: keys of [monitor] -> (value, source).
+        monitor: these limits as a table.
+    """
+
+    home: float
+    surface: float
+    share: float
+    limits: dict[str, tuple[float, str]]
+    monitor: Monitor
+
+    def from_surface(self, distance: float) -> float:
+        """Return the z (mm) of a height above the surface on the shipped robot (mm)."""
+        return round(self.surface + self.share * distance, 1)
+
+
+def working_space(robot: TrueRobot) -> WorkingSpace:
+    """Compute the place at which a robot works.
+
+    Raises:
+        InputRefused: the robot has no home pose, or too little space around it.
+    """
+    home = 1e3 * home_height(geometry_of(robot))
+    at_home = np.array([[0.0, 0.0, 1e-3 * home]])
+    if found := find_obstruction(robot, at_home):
+        raise InputRefused(f"no home pose: {found[1]}")
+    problem = ""
+    for share in SPACE_SHARES:
+        space = WorkingSpace(home, float(round(home + PRESS_DEPTH)), share, {}, Monitor())
+        space = _limited(space, robot)
+        monitor = space.monitor
+        problems = contradictions(monitor, monitor_belief(robot), monitor.period, math.inf)
+        poses = cylinder_poses(monitor.workspace_radius, monitor.z_min, monitor.z_max)
+        if not problems and free_poses(robot, poses).all():
+            return space
+        problem = problems[0] if problems else "links or rods would touch, or a ball joint bend too far"
+    raise InputRefused(
+        f"no room to work around the home pose (0, 0, {home:.1f}) mm, not even a cylinder of "
+        f"{SPACE_SHARES[-1] * SHIPPED_RADIUS:g} mm: {problem}"
+    )
+
+
+def _limited(space: WorkingSpace, robot: TrueRobot) -> WorkingSpace:
+    """Return the working space with the limits of its monitor."""
+    radius, top, bottom = (
+        f"{distance:g} mm" + ("" if space.share == 1.0 else f" times {space.share:g}, more is not free")
+        for distance in (SHIPPED_RADIUS, TOP_HEIGHT, BOTTOM_DEPTH)
+    )
+    limits = {
+        "workspace_radius_mm": (round(space.share * SHIPPED_RADIUS, 1), f"computed: {radius}, within reach"),
+        "z_min_mm": (space.from_surface(-BOTTOM_DEPTH), f"computed: below the surface by {bottom}"),
+        "z_max_mm": (space.from_surface(TOP_HEIGHT), f"computed: over the surface by {top}"),
+    }
+    with_limits = space._replace(limits=limits, monitor=_monitor(limits))
+    try:
+        limits |= derived_limits(with_limits.monitor, monitor_belief(robot))
+    except InputRefused:
+        # contradictions report the pose that is out of reach
+        return with_limits
+    return with_limits._replace(limits=limits, monitor=_monitor(limits))
+
+
+def _monitor(limits: dict[str, tuple[float, str]]) -> Monitor:
+    return Monitor(**{key: value for key, (value, _) in limits.items()})
+
+
+def start_robot(file: Path, lengths: Iterable[str], masses: Iterable[str]) -> list[Path]:
+    """Write the file of a new robot.
+
+    Args:
+        file: file to write.
+        lengths: `name=mm` of all of `LENGTHS`.
+        masses: `name=g` of some of `MASSES`.
+
+    Returns:
+        The written files: `file`, and the JSON Schema beside it if missing.
+
+    Raises:
+        InputRefused: `file` exists, a number is invalid, or the robot cannot work.
+        NotWritten: the file cannot be written.
+    """
+    given = given_numbers("--lengths-mm", lengths, LENGTHS)
+    if missing := [name for name in LENGTHS if name not in given]:
+        raise InputRefused(f"--lengths-mm: {', '.join(missing)} is missing; expected a=80 b=35 l_a=100 l_b=180, in mm")
+    for name, value in given.items():
+        if not MIN_LENGTH <= value <= MAX_LENGTH:
+            raise InputRefused(
+                f"--lengths-mm {name}={value:g}: expected {MIN_LENGTH:g} to {MAX_LENGTH:g} mm; is it in another unit?"
+            )
+    weights = given_numbers("--masses-g", masses, MASSES)
+    own = Source()
+    _add(own, "robot", "name", file.stem, "")
+    for key, value in {f"{name}_mm": value for name, value in given.items()}.items():
+        _add(own, "robot", key, value, "given: --lengths-mm")
+    for key, value in {f"{name}_g": value for name, value in weights.items()}.items():
+        _add(own, "robot", key, value, "given: --masses-g")
+    shipped = read_source(locate_file(f"experiments/{ROBOT_FILE}", Path.cwd())).values
+    mistakes: list[str] = []
+    robot = check_table(TrueRobot, {**shipped["robot"], **shipped["plant"], **own.values["robot"]}, "robot", mistakes)
+    if robot is None:
+        raise InputRefused(mistakes[0])
+    space = working_space(robot)
+    pose = f"(0, 0, {space.home:.1f}) mm"
+    _add(own, "contact", "height_mm", space.surface, f"computed: {PRESS_DEPTH:g} mm above the home pose {pose}")
+    massage = read_source(shipped_experiment(Path(EXAMPLE_FILES[1]).stem))
+    for key, value in massage.values["approach"].items():
+        _add(own, "approach", key, value, massage.origins[f"approach.{key}"])
+    height = round(min(APPROACH_HEIGHT, TASK_SPACE * space.share * TOP_HEIGHT), 1)
+    _add(own, "approach", "height_mm", space.surface + height, f"computed: {height:g} mm over the surface")
+    floor = space.from_surface(-FLOOR_DEPTH)
+    _add(own, "approach", "floor_mm", floor, f"computed: {space.surface - floor:g} mm below the surface")
+    for key, (value, source) in space.limits.items():
+        _add(own, "monitor", key, value, source)
+    text = commented_robot(DECLARED_TABLES, file.name, own, list(_remarks(robot, space, own)))
+    return write_new(DECLARED_TABLES, file, text)
+
+
+def _add(own: Source, table: str, key: str, value: Any, source: str) -> None:
+    own.values.setdefault(table, {})[key] = value
+    if source:
+        own.origins[f"{table}.{key}"] = source
+
+
+def _remarks(robot: TrueRobot, space: WorkingSpace, own: Source) -> Iterable[str]:
+    """Yield the consequences of a robot's lengths that are no keys of its file."""
+    yield "Computed from the lengths, for reading:"
+    yield f"home pose: p = (0, 0, {space.home:.1f}) mm, all proximal links 20 deg below the horizontal"
+    monitor = space.monitor
+    poses = cylinder_poses(monitor.workspace_radius, monitor.z_min, monitor.z_max)
+    theta_l = joint_angles(geometry_of(robot), poses)
+    low, high = float(theta_l.min()), float(theta_l.max())
+    bent = monitor.deflection_limit
+    for name, counts, ends in (
+        ("joint", robot.joint_counts_per_turn, (low, high)),
+        ("motor", robot.motor_counts_per_turn, (robot.N * low - bent, robot.N * high + bent)),
+    ):
+        degrees = " to ".join(f"{math.degrees(end):.1f}" for end in ends)
+        numbers = " to ".join(str(round(end / (2.0 * math.pi) * counts)) for end in ends)
+        yield f"range of the {name} encoders within [monitor]: {degrees} deg, counts {numbers} of {counts} per turn"
+    fig4 = read_source(shipped_experiment(Path(EXAMPLE_FILES[0]).stem))
+    fit_to_robot(fig4, Source({"contact": {"height_mm": SHIPPED_SURFACE}}), own)
+    yield "way points of Fig. 4 on this robot (mm), as twin init writes them into its experiments:"
+    yield f"p_mm = {toml_value(fig4.values['reference']['p_mm'])}"
+
+
+def experiment_on_robot(
+    robot: Path, start: str, where: Path, overrides: Iterable[str] = (), drive: str | None = None
+) -> Experiment:
+    """Return a shipped experiment on another robot, without writing a file.
+
+    Args:
+        robot: file of the robot.
+        start: name of the experiment.
+        where: file of the experiment, for its name and error messages.
+        overrides, drive: as in `load_experiment`.
+
+    Raises:
+        InputRefused: the robot cannot do the experiment, or a file is invalid.
+    """
+    text = commented_experiment(DECLARED_TABLES, where.name, shipped_experiment(start), robot, ROBOT_FILE)
+    tables = dict(parse_toml(text, str(where)))
+    del tables["extends"]
+    source, folder = read_source(robot), robot.resolve().parent
+    source.overlay(tables, f"set in {where.name}")
+    if drive is not None:
+        source.select_file("drive", "fmu", locate_drive(drive, folder))
+    apply_overrides(source, overrides)
+    return checked_experiment(source, where.stem, where, folder)
+
+
+def start_on_robot(file: Path, start: str, robot: Path) -> list[Path]:
+    """Write a new experiment file: a shipped experiment on another robot, after a check that the robot can do it.
+
+    Returns:
+        The written files: `file`, and the JSON Schema beside it if missing.
+
+    Raises:
+        InputRefused: `file` exists, or the robot cannot do the experiment.
+        NotWritten: the file cannot be written.
+    """
+    experiment_on_robot(robot, start, file)
+    return start_experiment(DECLARED_TABLES, file, start, robot)
