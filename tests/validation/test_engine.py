@@ -1,6 +1,8 @@
 """The bounds of the engine's yardsticks can be exceeded, and its robot is the one that they are about."""
 
 from functools import cache
+from math import radians
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,11 +17,18 @@ from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.plant.component import rest_state
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.run.trace import Trace, run_in_memory
+from validation.engine.bodies import initial_angle
 from validation.engine.constrained import Constrained, Numbers
 from validation.engine.plant import EnginesPlant
 from validation.engine.robots import State, TwinsRobot, differences, holding, states
 from validation.masters.robot import ROOT
 from validation.yardsticks.mujoco import ALIKE, HEAVIER, HOME, SAME_RUN, apart, experiment, parameters
+from validation.yardsticks.other_robots import (
+    OTHER_ROBOTS,
+    differences_from_engine,
+    file_parameters,
+    robot_file_text,
+)
 
 AT_HOME = State(HOME, np.array([0.1, -0.2, 0.3]), np.array([0.8, 0.7, 0.6]), np.array([0.1, 0.2, 0.3]))
 
@@ -127,6 +136,33 @@ def test_the_engines_robot_says_the_same_at_some_poses():
     other = PlantParameters(*own)._replace(a=0.055, b=0.028, l_a=0.065, l_b=0.118, m_a=0.3, m_b=0.2, m_p=0.05, I_r=3e-4)
     for c in (own, other):
         assert max(differences(TwinsRobot(c), EnginesRobot(Mechanism(c), c), states(c, 5)).values()) < ALIKE
+
+
+def file_of(folder: Path, name: str) -> PlantParameters:
+    (folder / "robot.toml").write_text(robot_file_text(OTHER_ROBOTS[name]))
+    return file_parameters(folder / "robot.toml")
+
+
+@pytest.mark.parametrize("name", OTHER_ROBOTS)
+def test_a_robot_file_of_another_shape_agrees_with_the_engine_at_some_poses(tmp_path: Path, name: str):
+    pytest.importorskip("mujoco", reason="only make validation installs it")
+    found = differences_from_engine(file_of(tmp_path, name), 4)
+    assert {"forward kinematics", "Jacobian", "mass matrix", "gravity"} <= found.keys()
+    assert max(found.values()) < ALIKE
+
+
+def test_a_robot_file_gives_the_lengths_and_masses_of_the_robot(tmp_path: Path):
+    found = file_of(tmp_path, "long rods")
+    assert (found.a, found.b, found.l_a, found.l_b) == (0.08, 0.035, 0.1, 0.18)
+    assert (found.m_a, found.m_b, found.m_p) == pytest.approx((0.09, 0.025, 0.15))
+    assert found.I_r == parameters().I_r
+
+
+def test_arms_that_cannot_be_horizontal_begin_lower(tmp_path: Path):
+    assert initial_angle(file_of(tmp_path, "long rods")) == 0.0
+    assert initial_angle(file_of(tmp_path, "wide base")) == radians(50.0)
+    with pytest.raises(ValueError, match="close no loop"):
+        initial_angle(parameters()._replace(l_b=0.01))
 
 
 def test_no_rod_begins_to_turn_about_its_own_axis():
