@@ -19,12 +19,13 @@ from twin.robot.assembly.build import monitor_belief
 from twin.robot.assembly.checks.monitor_limits import contradictions, derived_limits
 from twin.robot.assembly.checks.reach import find_obstruction, free_poses
 from twin.robot.assembly.declared import DECLARED_TABLES
-from twin.robot.assembly.load import checked_experiment
+from twin.robot.assembly.load import checked_experiment, load_experiment
 from twin.robot.experiment.drive_files import locate_drive
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.experiment_files import experiment_file
 from twin.robot.experiment.mistakes import MAX_LENGTH, MIN_LENGTH, check_table
 from twin.robot.experiment.robot_file import SHIPPED_RADIUS, SHIPPED_SURFACE, fit_to_robot
-from twin.robot.experiment.source import Source, apply_overrides, read_source, toml_value
+from twin.robot.experiment.source import Source, apply_overrides, is_robot, read_source, toml_value
 from twin.robot.experiment.template import (
     EXAMPLE_FILES,
     ROBOT_FILE,
@@ -259,6 +260,18 @@ def experiment_on_robot(
         source.select_file("drive", "fmu", locate_drive(drive, folder))
     apply_overrides(source, overrides)
     return checked_experiment(source, where.stem, where, folder)
+
+
+def load_on_robot(path: Path, overrides: Iterable[str] = (), drive: str | None = None) -> Experiment:
+    """Load an experiment, or Fig. 4 on the robot if the file is a robot's; see `load_experiment`.
+
+    Raises:
+        InputRefused: with one sentence per error.
+    """
+    file = experiment_file(path)
+    if is_robot(read_source(file).values):
+        return experiment_on_robot(file, Path(EXAMPLE_FILES[0]).stem, file, overrides, drive)
+    return load_experiment(path, overrides, drive)
 
 
 def start_on_robot(file: Path, start: str, robot: Path) -> list[Path]:

@@ -1,0 +1,250 @@
+"""Capability of a robot at the height of its surface, from geometry, springs, encoders and drives.
+
+With tau_l = k_s N eta (theta_m - N theta_l) (Eq. 18-20), dtheta_l = J dp_B (Eq. 13-17) and F_ee_B = J^T tau_l + weight
+(Eq. 21-27) at the working pose p = (0, 0, height):
+
+- stiffness along an axis e, the others held, motors held: e^T J^T k J e, k = k_s N^2 eta.
+- smallest force along e: it turns some joint by a whole count of its encoder, k (2 pi / n_l) / max_i |(J^-T e)_i|.
+- force of the counts along e: that of one count on all six encoders, k_s N eta (2 pi / n_m + N 2 pi / n_l) sum_i |J_ie|.
+- largest force along e: no motor torque beyond the drive's stall torque T, |(J^-T (F e - weight))_i| <= N eta T; along x
+  and y the smaller of both directions, along z downwards.
+- largest speed along e: no motor faster than the drive runs without load at the controller's limit, N |J e|_i <= omega.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.checks.reach import free_poses
+from twin.robot.assembly.drives import plan_drive
+from twin.robot.assembly.own_robot import APPROACH_HEIGHT, FLOOR_DEPTH, cylinder_poses
+from twin.robot.experiment.differences import robot_values
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.schema import Drive
+from twin.robot.mechanism.geometry import geometry_of
+from twin.robot.mechanism.kinematics import distal_volume, jacobian, joint_angles, transmission_sines
+from twin.robot.mechanism.statics import Masses, force_on_environment
+from twin.studies.accuracy.budget import UNCERTAINTIES, accuracy_budget
+from twin.studies.command import Say, ignore_progress
+from twin.studies.qualify.bench import response
+from twin.studies.qualify.definitions import AVERAGE_TIME, MAX_LOAD, TICK
+from twin.studies.qualify.motion import overload, stall_torque
+
+Vector = tuple[float, float, float]
+"""Values along x, y and z of the base frame."""
+REACH_STEP = 1e-3
+"""Step (m) of the search for an edge of the reach, which is then bisected."""
+EDGE_TOLERANCE = 1e-6
+"""Tolerance (m) of the edges of the reach."""
+RUN_UP = 1.0
+"""Time (s) before the drive's speed is measured."""
+RANKED_VALUES = 5
+"""Number of values listed by their effect on the force."""
+IN_RUN = ("encoder counts", "backlash")
+"""Imperfections of the accuracy budget that are values of the robot."""
+
+
+@dataclass(frozen=True)
+class DriveLimits:
+    """Largest torque (N m) and speed (rad/s) of a drive at the motor shaft.
+
+    Attributes:
+        remark: reason why the torque is a lower bound; "" if it is measured.
+    """
+
+    label: str
+    torque: float
+    speed: float
+    remark: str
+
+
+@dataclass(frozen=True)
+class RankedValue:
+    """A value of the robot and its effect on the estimated force: rms error (N) and its cause."""
+
+    label: str
+    rms: float
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Capability:
+    """Capability of a robot, SI; vectors along x, y, z.
+
+    Attributes:
+        pose: working pose on the axis (m).
+        reach_z: lowest and highest free z on the axis (m).
+        radius, bottom, top: largest free vertical cylinder about the axis, between floor and travelling height (m).
+        serial, parallel: distance from singularities at the pose: least `transmission_sines`, size of `distal_volume`.
+        least_serial, least_parallel: the same, least in the cylinder.
+        stiffness, smallest_force, count_force, largest_force, largest_speed: see above.
+        weight: own weight (N) that the springs carry at the platform.
+        weight_deflection: largest deflection by it (rad, motor side).
+        sag: descent of the platform by it with the motors held (m).
+        drives: drive of each joint.
+        own, assumed: number of own values of [robot], keys whose source begins with "assumed".
+        ranking: values that matter most for the force, the largest first.
+        unranked: reason for an empty ranking.
+    """
+
+    name: str
+    pose: Vector
+    reach_z: tuple[float, float]
+    radius: float
+    bottom: float
+    top: float
+    serial: float
+    parallel: float
+    least_serial: float
+    least_parallel: float
+    stiffness: Vector
+    smallest_force: Vector
+    count_force: Vector
+    largest_force: Vector
+    largest_speed: Vector
+    weight: float
+    weight_deflection: float
+    sag: float
+    drives: tuple[DriveLimits, DriveLimits, DriveLimits]
+    own: int
+    assumed: tuple[str, ...]
+    ranking: tuple[RankedValue, ...]
+    unranked: str
+
+
+def capability(experiment: Experiment, rank: bool = True, say: Say = ignore_progress) -> Capability:
+    """Compute the capability of an experiment's true robot; drives are measured through their FMUs.
+
+    Args:
+        rank: whether the values are ranked by their effect on the force.
+
+    Raises:
+        InputRefused: the working pose is not free, or a drive is invalid.
+        ComponentFailed: a drive failed.
+    """
+    plant, height, approach = experiment.plant, experiment.contact.height, experiment.approach
+    geometry, pose = geometry_of(plant), np.array([0.0, 0.0, height])
+    if not free_poses(plant, pose[None, :])[0]:
+        raise InputRefused(
+            f"{experiment.name}: the surface at z = {1e3 * height:g} mm is out of the robot's free reach"
+        )
+    bottom, top = (approach.floor, approach.height) if approach else (
+        height - 1e-3 * FLOOR_DEPTH, height + 1e-3 * APPROACH_HEIGHT
+    )  # fmt: skip
+    low, high = (height + way * _edge(lambda d, way=way: _is_free(plant, height + way * d)) for way in (-1.0, 1.0))
+    radius = _edge(lambda r: bool(free_poses(plant, cylinder_poses(r, bottom, top)).all()))
+    J, theta_l = jacobian(geometry, pose), joint_angles(geometry, pose)
+    inside = jacobian(geometry, cylinder_poses(radius, bottom, top)) if radius else J[None]
+    k, back = plant.k_s * plant.N**2 * plant.eta, np.linalg.inv(J).T
+    masses = Masses(plant.m_a, plant.m_b, plant.m_p, plant.I_r)
+    unloaded = force_on_environment(geometry, masses, theta_l, pose, np.zeros(3))
+    say("drives", 0.0)
+    drives = _drive_limits(experiment)
+    torque, speed = (np.array([getattr(one, name) for one in drives]) for name in ("torque", "speed"))
+    held, carried = plant.N * plant.eta * torque, back @ unloaded
+
+    def largest(axis: int, way: float) -> float:
+        d = way * back[:, axis]
+        with np.errstate(divide="ignore"):
+            return float(np.min((held + np.sign(d) * carried) / np.abs(d)))
+
+    forces = (min(largest(0, 1.0), largest(0, -1.0)), min(largest(1, 1.0), largest(1, -1.0)), largest(2, -1.0))
+    count_m, count_l = 2.0 * math.pi / plant.motor_counts_per_turn, 2.0 * math.pi / plant.joint_counts_per_turn
+    step = plant.k_s * plant.N * plant.eta * (count_m + plant.N * count_l)
+    stiffness = k * np.sum(J**2, axis=0)
+    ranking, unranked = _ranking(experiment, say) if rank else ((), "not asked for")
+    return Capability(
+        name=experiment.name,
+        pose=_vector(pose),
+        reach_z=(low, high),
+        radius=radius,
+        bottom=bottom,
+        top=top,
+        serial=float(transmission_sines(geometry, J).min()),
+        parallel=float(abs(distal_volume(J))),
+        least_serial=float(transmission_sines(geometry, inside).min()),
+        least_parallel=float(np.abs(distal_volume(inside)).min()),
+        stiffness=_vector(stiffness),
+        smallest_force=_vector(k * count_l / np.abs(back).max(axis=0)),
+        count_force=_vector(step * np.abs(J).sum(axis=0)),
+        largest_force=forces,
+        largest_speed=_vector(np.min(speed[:, None] / (plant.N * np.maximum(np.abs(J), 1e-300)), axis=0)),
+        weight=float(-unloaded[2]),
+        weight_deflection=float(np.abs(carried).max() / (plant.k_s * plant.N * plant.eta)),
+        sag=float(-unloaded[2] / stiffness[2]),
+        drives=drives,
+        own=robot_values(experiment.values, experiment.origins)["own"],
+        assumed=tuple(
+            key
+            for key in experiment.values["robot"]
+            if experiment.origins.get(f"robot.{key}", "").startswith("assumed")
+        ),
+        ranking=ranking,
+        unranked=unranked,
+    )
+
+
+def _vector(values: NDArray[np.float64]) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+def _is_free(plant, z: float) -> bool:  # type: ignore[no-untyped-def]
+    return z < 0.0 and bool(free_poses(plant, np.array([[0.0, 0.0, z]]))[0])
+
+
+def _edge(is_free: Callable[[float], bool]) -> float:
+    """Return the largest distance (m) up to which all are free, by steps of `REACH_STEP`; 0 if none is."""
+    good = 0.0
+    while is_free(good + REACH_STEP):
+        good += REACH_STEP
+    bad = good + REACH_STEP
+    while bad - good > EDGE_TOLERANCE:
+        middle = 0.5 * (good + bad)
+        good, bad = (middle, bad) if is_free(middle) else (good, middle)
+    return good
+
+
+def _drive_limits(experiment: Experiment) -> tuple[DriveLimits, DriveLimits, DriveLimits]:
+    """Measure the drive of each joint on the bench, equal ones once."""
+    found: list[tuple[Drive, DriveLimits]] = []
+    limits = []
+    for table in experiment.drives:
+        known = next((one for other, one in found if other == table), None) or _measure_drive(
+            table, experiment.controller.speed_limit
+        )
+        found.append((table, known))
+        limits.append(known)
+    one, two, three = limits
+    return one, two, three
+
+
+def _measure_drive(table: Drive, command: float) -> DriveLimits:
+    plan = plan_drive(table)
+    stall = stall_torque(plan, overload(plan))
+    ticks = round((RUN_UP + AVERAGE_TIME) / TICK)
+    free = response(plan, np.full(ticks, command), np.zeros(ticks))
+    torque = MAX_LOAD if stall.value is None else stall.value
+    return DriveLimits(
+        plan.label, torque, free.mean_speed(RUN_UP, RUN_UP + AVERAGE_TIME), stall.remark * (stall.value is None)
+    )
+
+
+def _ranking(experiment: Experiment, say: Say) -> tuple[tuple[RankedValue, ...], str]:
+    """Return the values that matter most for the estimated force, by the accuracy budget, or a reason for none."""
+    try:
+        budget = accuracy_budget(experiment, say)
+    except InputRefused as problem:
+        return (), str(problem)
+    found = [RankedValue(one.label, one.rms, one.meaning) for one in budget.contributions if one.label in IN_RUN]
+    alike: dict[tuple[str, ...], list[RankedValue]] = {}
+    for uncertainty, one in zip(UNCERTAINTIES, budget.contributions_of("parameter"), strict=True):
+        alike.setdefault(uncertainty.names, []).append(RankedValue(one.label, one.rms, one.meaning))
+    for values in alike.values():
+        label = values[0].label.replace("encoder 1", "encoders")
+        found.append(RankedValue(label, math.hypot(*(value.rms for value in values)), values[0].meaning))
+    return tuple(sorted(found, key=lambda one: -one.rms)[:RANKED_VALUES]), ""
