@@ -25,6 +25,9 @@ def init(
     masses: Annotated[
         Sequence[str], Option("Masses of a new robot: m_a=40 m_b=30 m_p=100.", "m_a=G", "--masses-g")
     ] = (),
+    settings: Annotated[
+        Sequence[str], Option("Other value of a new robot: robot.k_s_Nm_per_rad=2.", "KEY=VALUE", "--set")
+    ] = (),
 ) -> Answer:
     """Write an experiment to start from, with every key, its meaning, unit and default.
 
@@ -41,11 +44,12 @@ def init(
     from twin.robot.assembly.own_robot import start_on_robot, start_robot
     from twin.robot.experiment.template import start_experiment
 
-    if robot is None and (lengths or masses):
-        raise InputRefused("--lengths-mm and --masses-g describe a new robot; name its file: --robot my_robot.toml")
-    if masses and not lengths:
-        raise InputRefused("--masses-g describes a new robot; give its --lengths-mm, or change the masses in its file")
-    new = start_robot(robot, lengths, masses) if robot and lengths else []
+    if (lengths or masses or settings) and not (robot and lengths):
+        raise InputRefused(
+            "--lengths-mm, --masses-g and --set describe a new robot; expected --robot my_robot.toml --lengths-mm a=80 "
+            "b=35 l_a=100 l_b=180"
+        )
+    new = start_robot(robot, lengths, masses, settings) if robot and lengths else []
     if robot and new and file is None:
         press = shlex.join(["twin", "init", "press.toml", "--robot", str(robot)])
         following = [shlex.join(["twin", "robot", str(robot)]), press, "twin run press.toml"]

@@ -5,10 +5,12 @@ paper's robot: there the platform presses, `PRESS_DEPTH` below the surface. All 
 the shipped experiments, times a share for robots that are too small for them.
 """
 
+import contextlib
 import math
+import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +29,9 @@ from twin.robot.experiment.mistakes import MAX_LENGTH, MIN_LENGTH, check_table
 from twin.robot.experiment.robot_file import SHIPPED_RADIUS, SHIPPED_SURFACE, fit_to_robot
 from twin.robot.experiment.source import Source, apply_overrides, is_robot, read_source, toml_value
 from twin.robot.experiment.template import (
-    EXAMPLE_FILES,
+    FIG4_EXPERIMENT,
     ROBOT_FILE,
+    TASK_EXPERIMENT,
     commented_experiment,
     commented_robot,
     shipped_experiment,
@@ -40,7 +43,7 @@ from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.mechanism.workspace import home_height
 from twin.robot.monitor.limits import Monitor
 from twin.robot.paths import locate_file
-from twin.robot.plant.dynamics import TrueRobot
+from twin.robot.plant.dynamics import Robot
 
 LENGTHS, MASSES = ("a", "b", "l_a", "l_b"), ("m_a", "m_b", "m_p")
 PRESS_DEPTH = 4.0
@@ -53,10 +56,14 @@ SPACE_SHARES = tuple(round(1.0 - 0.05 * step, 2) for step in range(15))
 """Shares of the shipped workspace that are tried, the largest first; with less there is no room for a massage."""
 TASK_SPACE = 0.8
 """Maximum height of travel as a share of the monitor's z_max above the surface."""
+MIN_MASS, MAX_MASS = 1e-3, 1e5
+"""Range of masses (g)."""
 
 
-def given_numbers(option: str, texts: Iterable[str], names: Sequence[str]) -> dict[str, float]:
-    """Parse `name=number` texts of an option; all numbers are > 0.
+def given_numbers(
+    option: str, texts: Iterable[str], names: Sequence[str], least: float, most: float
+) -> dict[str, float]:
+    """Parse `name=number` texts of an option whose numbers are from `least` to `most`.
 
     Raises:
         InputRefused: a name is unknown or repeated, or a number is invalid.
@@ -68,12 +75,11 @@ def given_numbers(option: str, texts: Iterable[str], names: Sequence[str]) -> di
             raise InputRefused(f"{option} {text}: no such value; {nearest(name, names, 'expected {}')}")
         if name in found:
             raise InputRefused(f"{option} {text}: {name} is given twice")
-        try:
+        with contextlib.suppress(ValueError):
             found[name] = float(value)
-        except ValueError:
-            raise InputRefused(f"{option} {text}: expected a number, as in {name}=80") from None
-        if not 0.0 < found[name] < math.inf:
-            raise InputRefused(f"{option} {text}: expected a number > 0")
+        if not least <= found.get(name, math.nan) <= most:
+            unit = option.rpartition("-")[2]
+            raise InputRefused(f"{option} {text}: expected a number of {unit} from {least:g} to {most:g}")
     return found
 
 
@@ -108,7 +114,7 @@ class WorkingSpace(NamedTuple):
         return round(self.surface + self.share * distance, 1)
 
 
-def working_space(robot: TrueRobot) -> WorkingSpace:
+def working_space(robot: Robot) -> WorkingSpace:
     """Compute the place at which a robot works.
 
     Raises:
@@ -129,12 +135,12 @@ def working_space(robot: TrueRobot) -> WorkingSpace:
             return space
         problem = problems[0] if problems else "links or rods would touch, or a ball joint bend too far"
     raise InputRefused(
-        f"no room to work around the home pose (0, 0, {home:.1f}) mm, not even a cylinder of "
-        f"{SPACE_SHARES[-1] * SHIPPED_RADIUS:g} mm: {problem}"
+        f"no room to work at the home pose (0, 0, {home:.1f}) mm, not even {SPACE_SHARES[-1] * SHIPPED_RADIUS:g} mm "
+        f"about the axis; change lengths or masses, or --set robot.k_s_Nm_per_rad: {problem}"
     )
 
 
-def _limited(space: WorkingSpace, robot: TrueRobot) -> WorkingSpace:
+def _limited(space: WorkingSpace, robot: Robot) -> WorkingSpace:
     """Return the working space with the limits of its monitor."""
     radius, top, bottom = (
         f"{distance:g} mm" + ("" if space.share == 1.0 else f" times {space.share:g}, more is not free")
@@ -158,64 +164,61 @@ def _monitor(limits: dict[str, tuple[float, str]]) -> Monitor:
     return Monitor(**{key: value for key, (value, _) in limits.items()})
 
 
-def start_robot(file: Path, lengths: Iterable[str], masses: Iterable[str]) -> list[Path]:
+def start_robot(
+    file: Path, lengths: Iterable[str], masses: Iterable[str] = (), settings: Iterable[str] = ()
+) -> list[Path]:
     """Write the file of a new robot.
 
     Args:
         file: file to write.
         lengths: `name=mm` of all of `LENGTHS`.
         masses: `name=g` of some of `MASSES`.
+        settings: other values of [robot], `robot.key=value`.
 
     Returns:
         The written files: `file`, and the JSON Schema beside it if missing.
 
     Raises:
-        InputRefused: `file` exists, a number is invalid, or the robot cannot work.
+        InputRefused: `file` exists, a value is invalid, or the robot cannot work.
         NotWritten: the file cannot be written.
     """
-    given = given_numbers("--lengths-mm", lengths, LENGTHS)
+    given = given_numbers("--lengths-mm", lengths, LENGTHS, MIN_LENGTH, MAX_LENGTH)
     if missing := [name for name in LENGTHS if name not in given]:
         raise InputRefused(f"--lengths-mm: {', '.join(missing)} is missing; expected a=80 b=35 l_a=100 l_b=180, in mm")
-    for name, value in given.items():
-        if not MIN_LENGTH <= value <= MAX_LENGTH:
-            raise InputRefused(
-                f"--lengths-mm {name}={value:g}: expected {MIN_LENGTH:g} to {MAX_LENGTH:g} mm; is it in another unit?"
-            )
-    weights = given_numbers("--masses-g", masses, MASSES)
+    weights = given_numbers("--masses-g", masses, MASSES, MIN_MASS, MAX_MASS)
     own = Source()
-    _add(own, "robot", "name", file.stem, "")
-    for key, value in {f"{name}_mm": value for name, value in given.items()}.items():
-        _add(own, "robot", key, value, "given: --lengths-mm")
-    for key, value in {f"{name}_g": value for name, value in weights.items()}.items():
-        _add(own, "robot", key, value, "given: --masses-g")
+    apply_overrides(own, settings)
+    if own.values.keys() - {"robot"}:
+        raise InputRefused("--set: only values of [robot] describe a robot, such as robot.k_s_Nm_per_rad=2")
+    own.merge({"robot": {f"{name}_mm": value for name, value in given.items()}}, "given: --lengths-mm")
+    own.merge({"robot": {f"{name}_g": value for name, value in weights.items()}}, "given: --masses-g")
     shipped = read_source(locate_file(f"experiments/{ROBOT_FILE}", Path.cwd())).values
     mistakes: list[str] = []
-    robot = check_table(TrueRobot, {**shipped["robot"], **shipped["plant"], **own.values["robot"]}, "robot", mistakes)
+    robot = check_table(Robot, {**shipped["robot"], **own.values["robot"]}, "robot", mistakes)
     if robot is None:
         raise InputRefused(mistakes[0])
+    own.values["robot"].setdefault("name", file.stem)
     space = working_space(robot)
-    pose = f"(0, 0, {space.home:.1f}) mm"
-    _add(own, "contact", "height_mm", space.surface, f"computed: {PRESS_DEPTH:g} mm above the home pose {pose}")
-    massage = read_source(shipped_experiment(Path(EXAMPLE_FILES[1]).stem))
-    for key, value in massage.values["approach"].items():
-        _add(own, "approach", key, value, massage.origins[f"approach.{key}"])
     height = round(min(APPROACH_HEIGHT, TASK_SPACE * space.share * TOP_HEIGHT), 1)
-    _add(own, "approach", "height_mm", space.surface + height, f"computed: {height:g} mm over the surface")
     floor = space.from_surface(-FLOOR_DEPTH)
-    _add(own, "approach", "floor_mm", floor, f"computed: {space.surface - floor:g} mm below the surface")
-    for key, (value, source) in space.limits.items():
-        _add(own, "monitor", key, value, source)
-    text = commented_robot(DECLARED_TABLES, file.name, own, list(_remarks(robot, space, own)))
-    return write_new(DECLARED_TABLES, file, text)
+    own.values["approach"] = dict(read_source(shipped_experiment(TASK_EXPERIMENT)).values["approach"])
+    computed = {
+        "contact.height_mm": (
+            space.surface, f"computed: {PRESS_DEPTH:g} mm above the home pose (0, 0, {space.home:.1f}) mm"
+        ),
+        "approach.height_mm": (space.surface + height, f"computed: {height:g} mm over the surface"),
+        "approach.floor_mm": (floor, f"computed: {space.surface - floor:g} mm below the surface"),
+        **{f"monitor.{key}": value for key, value in space.limits.items()},
+    }  # fmt: skip
+    for dotted, (value, source) in computed.items():
+        table, _, key = dotted.partition(".")
+        own.merge({table: {key: value}}, source)
+    return write_new(
+        DECLARED_TABLES, file, commented_robot(DECLARED_TABLES, file.name, own, [*_remarks(robot, space, own)])
+    )
 
 
-def _add(own: Source, table: str, key: str, value: Any, source: str) -> None:
-    own.values.setdefault(table, {})[key] = value
-    if source:
-        own.origins[f"{table}.{key}"] = source
-
-
-def _remarks(robot: TrueRobot, space: WorkingSpace, own: Source) -> Iterable[str]:
+def _remarks(robot: Robot, space: WorkingSpace, own: Source) -> Iterable[str]:
     """Yield the consequences of a robot's lengths that are no keys of its file."""
     yield "Computed from the lengths, for reading:"
     yield f"home pose: p = (0, 0, {space.home:.1f}) mm, all proximal links 20 deg below the horizontal"
@@ -231,7 +234,7 @@ def _remarks(robot: TrueRobot, space: WorkingSpace, own: Source) -> Iterable[str
         degrees = " to ".join(f"{math.degrees(end):.1f}" for end in ends)
         numbers = " to ".join(str(round(end / (2.0 * math.pi) * counts)) for end in ends)
         yield f"range of the {name} encoders within [monitor]: {degrees} deg, counts {numbers} of {counts} per turn"
-    fig4 = read_source(shipped_experiment(Path(EXAMPLE_FILES[0]).stem))
+    fig4 = read_source(shipped_experiment(FIG4_EXPERIMENT))
     fit_to_robot(fig4, Source({"contact": {"height_mm": SHIPPED_SURFACE}}), own)
     yield "way points of Fig. 4 on this robot (mm), as twin init writes them into its experiments:"
     yield f"p_mm = {toml_value(fig4.values['reference']['p_mm'])}"
@@ -270,7 +273,7 @@ def load_on_robot(path: Path, overrides: Iterable[str] = (), drive: str | None =
     """
     file = experiment_file(path)
     if is_robot(read_source(file).values):
-        return experiment_on_robot(file, Path(EXAMPLE_FILES[0]).stem, file, overrides, drive)
+        return experiment_on_robot(file, FIG4_EXPERIMENT, file, overrides, drive)
     return load_experiment(path, overrides, drive)
 
 
@@ -284,5 +287,7 @@ def start_on_robot(file: Path, start: str, robot: Path) -> list[Path]:
         InputRefused: `file` exists, or the robot cannot do the experiment.
         NotWritten: the file cannot be written.
     """
+    if not os.path.isfile(robot):
+        raise InputRefused(f"{robot}: no such robot's file; --lengths-mm a=80 b=35 l_a=100 l_b=180 writes one")
     experiment_on_robot(robot, start, file)
     return start_experiment(DECLARED_TABLES, file, start, robot)

@@ -30,7 +30,8 @@ from twin.robot.experiment.stand_in import StandIn
 from twin.robot.paths import locate_file
 
 ROBOT_FILE = "robots/massage_robot.toml"
-EXAMPLE_FILES = ("fig4_force_position.toml", "massage.toml")
+FIG4_EXPERIMENT, TASK_EXPERIMENT = "fig4_force_position", "massage"
+EXAMPLE_FILES = (f"{FIG4_EXPERIMENT}.toml", f"{TASK_EXPERIMENT}.toml")
 """Source files of example values for unused tables and keys."""
 EXAMPLE_FAULT = "surface_jump"
 """Kind of the example fault."""

@@ -5,9 +5,9 @@ With tau_l = k_s N eta (theta_m - N theta_l) (Eq. 18-20), dtheta_l = J dp_B (Eq.
 
 - stiffness along an axis e, the others held, motors held: e^T J^T k J e, k = k_s N^2 eta.
 - smallest force along e: it turns some joint by a whole count of its encoder, k (2 pi / n_l) / max_i |(J^-T e)_i|.
-- force of the counts along e: that of one count on all six encoders, k_s N eta (2 pi / n_m + N 2 pi / n_l) sum_i |J_ie|.
-- largest force along e: no motor torque beyond the drive's stall torque T, |(J^-T (F e - weight))_i| <= N eta T; along x
-  and y the smaller of both directions, along z downwards.
+- force of the counts along e: of one count on all six encoders, k_s N eta (2 pi / n_m + N 2 pi / n_l) sum_i |J_ie|.
+- largest force along e: no motor torque beyond the drive's stall torque T, |(J^-T (F e - weight))_i| <= N eta T; along
+  x and y the smaller of both directions, along z downwards.
 - largest speed along e: no motor faster than the drive runs without load at the controller's limit, N |J e|_i <= omega.
 """
 
@@ -27,7 +27,7 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.schema import Drive
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import distal_volume, jacobian, joint_angles, transmission_sines
-from twin.robot.mechanism.statics import Masses, force_on_environment
+from twin.robot.mechanism.statics import Masses, force_on_environment, platform_stiffness
 from twin.studies.accuracy.budget import UNCERTAINTIES, accuracy_budget
 from twin.studies.command import Say, ignore_progress
 from twin.studies.qualify.bench import response
@@ -36,8 +36,8 @@ from twin.studies.qualify.motion import overload, stall_torque
 
 Vector = tuple[float, float, float]
 """Values along x, y and z of the base frame."""
-REACH_STEP = 1e-3
-"""Step (m) of the search for an edge of the reach, which is then bisected."""
+REACH_STEPS = 150
+"""Steps per length of the distal links in the search for an edge of the reach, which is then bisected."""
 EDGE_TOLERANCE = 1e-6
 """Tolerance (m) of the edges of the reach."""
 RUN_UP = 1.0
@@ -109,7 +109,7 @@ class Capability:
     weight: float
     weight_deflection: float
     sag: float
-    drives: tuple[DriveLimits, DriveLimits, DriveLimits]
+    drives: tuple[DriveLimits, ...]
     own: int
     assumed: tuple[str, ...]
     ranking: tuple[RankedValue, ...]
@@ -135,15 +135,24 @@ def capability(experiment: Experiment, rank: bool = True, say: Say = ignore_prog
     bottom, top = (approach.floor, approach.height) if approach else (
         height - 1e-3 * FLOOR_DEPTH, height + 1e-3 * APPROACH_HEIGHT
     )  # fmt: skip
-    low, high = (height + way * _edge(lambda d, way=way: _is_free(plant, height + way * d)) for way in (-1.0, 1.0))
-    radius = _edge(lambda r: bool(free_poses(plant, cylinder_poses(r, bottom, top)).all()))
+    step = geometry.l_b / REACH_STEPS
+
+    def is_free(z: float) -> bool:
+        return z < 0.0 and bool(free_poses(plant, np.array([[0.0, 0.0, z]]))[0])
+
+    low = height - _edge(step, lambda d: is_free(height - d))
+    high = height + _edge(step, lambda d: is_free(height + d))
+    radius = _edge(step, lambda r: bool(free_poses(plant, cylinder_poses(r, bottom, top)).all()))
     J, theta_l = jacobian(geometry, pose), joint_angles(geometry, pose)
     inside = jacobian(geometry, cylinder_poses(radius, bottom, top)) if radius else J[None]
     k, back = plant.k_s * plant.N**2 * plant.eta, np.linalg.inv(J).T
     masses = Masses(plant.m_a, plant.m_b, plant.m_p, plant.I_r)
     unloaded = force_on_environment(geometry, masses, theta_l, pose, np.zeros(3))
     say("drives", 0.0)
-    drives = _drive_limits(experiment)
+    # equal drives are measured once
+    firsts = [experiment.drives.index(table) for table in experiment.drives]
+    measured = {n: _measure_drive(experiment.drives[n], experiment.controller.speed_limit) for n in {*firsts}}
+    drives = tuple(measured[n] for n in firsts)
     torque, speed = (np.array([getattr(one, name) for one in drives]) for name in ("torque", "speed"))
     held, carried = plant.N * plant.eta * torque, back @ unloaded
 
@@ -154,8 +163,9 @@ def capability(experiment: Experiment, rank: bool = True, say: Say = ignore_prog
 
     forces = (min(largest(0, 1.0), largest(0, -1.0)), min(largest(1, 1.0), largest(1, -1.0)), largest(2, -1.0))
     count_m, count_l = 2.0 * math.pi / plant.motor_counts_per_turn, 2.0 * math.pi / plant.joint_counts_per_turn
-    step = plant.k_s * plant.N * plant.eta * (count_m + plant.N * count_l)
-    stiffness = k * np.sum(J**2, axis=0)
+    one_count = plant.k_s * plant.N * plant.eta * (count_m + plant.N * count_l)
+    stiffness = platform_stiffness(J, k)
+    robot = experiment.values["robot"]
     ranking, unranked = _ranking(experiment, say) if rank else ((), "not asked for")
     return Capability(
         name=experiment.name,
@@ -170,7 +180,7 @@ def capability(experiment: Experiment, rank: bool = True, say: Say = ignore_prog
         least_parallel=float(np.abs(distal_volume(inside)).min()),
         stiffness=_vector(stiffness),
         smallest_force=_vector(k * count_l / np.abs(back).max(axis=0)),
-        count_force=_vector(step * np.abs(J).sum(axis=0)),
+        count_force=_vector(one_count * np.abs(J).sum(axis=0)),
         largest_force=forces,
         largest_speed=_vector(np.min(speed[:, None] / (plant.N * np.maximum(np.abs(J), 1e-300)), axis=0)),
         weight=float(-unloaded[2]),
@@ -178,11 +188,7 @@ def capability(experiment: Experiment, rank: bool = True, say: Say = ignore_prog
         sag=float(-unloaded[2] / stiffness[2]),
         drives=drives,
         own=robot_values(experiment.values, experiment.origins)["own"],
-        assumed=tuple(
-            key
-            for key in experiment.values["robot"]
-            if experiment.origins.get(f"robot.{key}", "").startswith("assumed")
-        ),
+        assumed=tuple(key for key in robot if experiment.origins.get(f"robot.{key}", "").startswith("assumed")),
         ranking=ranking,
         unranked=unranked,
     )
@@ -193,34 +199,16 @@ def _vector(values: NDArray[np.float64]) -> Vector:
     return x, y, z
 
 
-def _is_free(plant, z: float) -> bool:  # type: ignore[no-untyped-def]
-    return z < 0.0 and bool(free_poses(plant, np.array([[0.0, 0.0, z]]))[0])
-
-
-def _edge(is_free: Callable[[float], bool]) -> float:
-    """Return the largest distance (m) up to which all are free, by steps of `REACH_STEP`; 0 if none is."""
+def _edge(step: float, is_free: Callable[[float], bool]) -> float:
+    """Return the largest distance (m) up to which all are free, by steps of `step`; 0 if none is."""
     good = 0.0
-    while is_free(good + REACH_STEP):
-        good += REACH_STEP
-    bad = good + REACH_STEP
+    while is_free(good + step):
+        good += step
+    bad = good + step
     while bad - good > EDGE_TOLERANCE:
         middle = 0.5 * (good + bad)
         good, bad = (middle, bad) if is_free(middle) else (good, middle)
     return good
-
-
-def _drive_limits(experiment: Experiment) -> tuple[DriveLimits, DriveLimits, DriveLimits]:
-    """Measure the drive of each joint on the bench, equal ones once."""
-    found: list[tuple[Drive, DriveLimits]] = []
-    limits = []
-    for table in experiment.drives:
-        known = next((one for other, one in found if other == table), None) or _measure_drive(
-            table, experiment.controller.speed_limit
-        )
-        found.append((table, known))
-        limits.append(known)
-    one, two, three = limits
-    return one, two, three
 
 
 def _measure_drive(table: Drive, command: float) -> DriveLimits:

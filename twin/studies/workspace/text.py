@@ -44,8 +44,9 @@ def capability_result(done: Capability, files: Mapping[str, str]) -> Result:
         Table(AXIS_COLUMNS, [(name, *(f"{f * v:.3g}" for v in values), unit) for name, values, f, unit in rows]),
         "",
         note(
-            "weight", f"{done.weight:.2f} N at the platform bends the springs by {math.degrees(done.weight_deflection):.2f} "
-            f"deg (motor side); with the motors held it lowers the platform by {1e3 * done.sag:.2f} mm",
+            "weight", f"{done.weight:.2f} N at the platform bends the springs by "
+            f"{math.degrees(done.weight_deflection):.2f} deg (motor side); "
+            f"with the motors held it lowers the platform by {1e3 * done.sag:.2f} mm",
         ),
         *(
             note("drive", f"{one.label}: stalls at {one.remark or f'{one.torque:.3g} N m'}, {one.speed:.3g} rad/s "

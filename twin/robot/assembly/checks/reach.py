@@ -12,13 +12,13 @@ from twin.robot.mechanism.geometry import Geometry, geometry_of
 from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.mechanism.unreachable import Unreachable
 from twin.robot.mechanism.workspace import BARS_PER_LEG, Bars, ball_joint_angles, clearances, is_reachable
-from twin.robot.plant.dynamics import TrueRobot
+from twin.robot.plant.dynamics import Robot
 
 WAY_POINT_SPACING = 1e-3
 """Spacing (m) of the points checked on straight lines."""
 
 
-def find_obstruction(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, str] | None:
+def find_obstruction(plant: Robot, p_B: NDArray[np.float64]) -> tuple[int, str] | None:
     """Return (index, reason) of the first platform pose that is obstructed; None if all poses are free.
 
     The poses `p_B`, (n, 3) in m, must be within kinematic reach. Limits that the robot's file does not declare are not
@@ -53,7 +53,7 @@ def find_obstruction(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, s
     return None
 
 
-def free_poses(plant: TrueRobot, p_B: NDArray[np.float64]) -> NDArray[np.bool_]:
+def free_poses(plant: Robot, p_B: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Whether each platform pose, (n, 3) in m, is within reach and unobstructed, see `find_obstruction`."""
     geometry = geometry_of(plant)
     free = is_reachable(geometry, p_B)
@@ -72,7 +72,7 @@ def free_poses(plant: TrueRobot, p_B: NDArray[np.float64]) -> NDArray[np.bool_]:
     return free
 
 
-def _find_stop_obstruction(plant: TrueRobot, geometry: Geometry, places: NDArray[np.float64]) -> tuple[int, str] | None:
+def _find_stop_obstruction(plant: Robot, geometry: Geometry, places: NDArray[np.float64]) -> tuple[int, str] | None:
     """Return (index, reason) of the first pose beyond a joint's hard stop; None if all are within."""
     if plant.joint_lower is None and plant.joint_upper is None:
         return None
@@ -102,7 +102,7 @@ def reach_error(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:
     return None
 
 
-def reference_errors(reference: WayPoints, geometries: Iterable[Geometry], plant: TrueRobot | None = None) -> list[str]:
+def reference_errors(reference: WayPoints, geometries: Iterable[Geometry], plant: Robot | None = None) -> list[str]:
     """Return an error message for the first pose of a reference that is out of reach or obstructed.
 
     Checked are the waypoints and the lines between them.
@@ -112,7 +112,7 @@ def reference_errors(reference: WayPoints, geometries: Iterable[Geometry], plant
 
 # the runs of a sweep, and the studies of an experiment, mostly share one reference
 @lru_cache(64)
-def _pose_errors(reference: WayPoints, geometries: tuple[Geometry, ...], plant: TrueRobot | None) -> list[str]:
+def _pose_errors(reference: WayPoints, geometries: tuple[Geometry, ...], plant: Robot | None) -> list[str]:
     if len(reference.t) != len(reference.p):
         return [f"[reference] {len(reference.t)} times and {len(reference.p)} points: expected as many of each"]
     for geometry in geometries:
