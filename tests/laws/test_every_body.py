@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 
 from tests.laws.runs import EXPERIMENTS
+from twin.kernel.errors import InputRefused
 from twin.robot.assembly.load import load_experiment
+from twin.robot.assembly.own_robot import start_on_robot, start_robot
 from twin.robot.run.runs import Outcome, RunRequest, Runs
 
 BODIES = sorted(path.stem for path in (EXPERIMENTS / "bodies").glob("*.toml"))
@@ -38,10 +40,15 @@ def hold_error(file: Path, body: str) -> float:
     return error
 
 
-@pytest.fixture(name="lower")
-def robot_file(tmp_path: Path) -> Path:
-    (tmp_path / "lower.toml").write_text(LOWER_ROBOT)
-    return tmp_path / "lower.toml"
+@pytest.fixture(name="lower", params=["by hand", "by twin init"])
+def experiment_on_a_lower_robot(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    file, robot = tmp_path / "lower.toml", tmp_path / "robot.toml"
+    if request.param == "by hand":
+        file.write_text(LOWER_ROBOT)
+    else:
+        start_robot(robot, ["a=50", "b=30", "l_a=60", "l_b=146"], [])
+        start_on_robot(file, "pressing", robot)
+    return file
 
 
 @pytest.mark.parametrize("body", BODIES)
@@ -51,7 +58,5 @@ def test_a_robot_that_works_40_mm_lower_presses_every_body_as_well(lower: Path, 
 
 
 def test_a_body_at_the_height_of_the_shipped_robot_is_out_of_the_lower_ones_range(lower: Path):
-    from twin.kernel.errors import InputRefused
-
     with pytest.raises(InputRefused, match="the surface is at z = -101"):
         load_experiment(lower, ["contact.height_mm=-101"], body="back")
