@@ -165,6 +165,32 @@ def test_arms_that_cannot_be_horizontal_begin_lower(tmp_path: Path):
         initial_angle(parameters()._replace(l_b=0.01))
 
 
+def test_a_link_that_is_not_uniform_is_a_uniform_one_of_the_same_weight_and_inertia(monkeypatch: pytest.MonkeyPatch):
+    """The formulas of docs/own_robot.md: m_a = 2 m c/l_a, I_r = I - m_a l_a^2/3."""
+    pytest.importorskip("mujoco", reason="only make validation installs it")
+    from validation.engine import mechanism
+    from validation.engine.robots import EnginesRobot
+
+    c = parameters()
+    m, centre, inertia, pulley = 0.08, 0.3 * c.l_a, 3e-5, 2e-5
+    m_a = 2.0 * m * centre / c.l_a
+    equal = c._replace(m_a=m_a, I_r=inertia + m * centre**2 + pulley - m_a * c.l_a**2 / 3.0)
+    uniform = f'<inertial pos="{c.l_a / 2.0!r} 0 0" mass="{c.m_a!r}"'
+    described = mechanism.described
+
+    def with_real_links(parameters: PlantParameters, rod: float) -> str:
+        head, *rest = described(parameters._replace(I_r=pulley), rod).split(uniform)
+        assert len(rest) == 3
+        sizes = f'diaginertia="{inertia!r} {inertia!r} {inertia!r}"'
+        return head + "".join(
+            f'<inertial pos="{centre!r} 0 0" mass="{m!r}" {sizes}/>{text.partition("/>")[2]}' for text in rest
+        )
+
+    monkeypatch.setattr(mechanism, "described", with_real_links)
+    found = differences(TwinsRobot(equal), EnginesRobot(mechanism.Mechanism(c), equal), states(c, 4))
+    assert max(found[key] for key in ("mass matrix", "gravity", "acceleration", "rods")) < ALIKE
+
+
 def test_no_rod_begins_to_turn_about_its_own_axis():
     pytest.importorskip("mujoco", reason="only make validation installs it")
     from validation.engine.mechanism import Mechanism
