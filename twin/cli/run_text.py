@@ -56,6 +56,7 @@ def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
         "robot_values": run.get("robot_values"),
         "trip": run["trip"],
         "changed": run["changed"],
+        "remarks": list(run["remarks"]),
         "punctuality": run["punctuality"],
         "measures": with_units(measured_values(run["outcome"]["measures"])),
         "held": [dict(one) for one in run["held"]],
