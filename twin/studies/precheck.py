@@ -29,17 +29,6 @@ def load_experiments(asked: ArgumentValues) -> None:
                 load_experiment(experiment, asked.get("settings") or (), drive, body)
 
 
-def load_robot_or_experiment(asked: ArgumentValues) -> None:
-    """Check that the robot or experiment on the command line loads with the drive and the settings.
-
-    Raises:
-        InputRefused: the file cannot be loaded.
-    """
-    from twin.robot.assembly.own_robot import load_on_robot
-
-    load_on_robot(asked["experiment"], asked.get("settings") or (), asked.get("drive"))
-
-
 def find_experiments(asked: ArgumentValues) -> None:
     """Check that the experiment files on the command line, and the files they extend, exist and are TOML.
 

@@ -128,7 +128,7 @@ def test_limits_that_encoders_or_springs_cannot_keep_are_raised_and_say_so(tmp_p
     start_robot(small, SIZES["smaller"])
     start_robot(large, ["a=100", "b=60", "l_a=120", "l_b=227.8"])
     assert read_source(small).values["monitor"]["contact_force_N"] > 1.0
-    assert read_source(small).origins["monitor.contact_force_N"] == "computed: 3 counts of the encoders"
+    assert read_source(small).origins["monitor.contact_force_N"] == "computed: encoders and springs allow no less"
     assert read_source(large).values["monitor"]["deflection_limit_deg"] > 20.0
     assert "force_limit_N" not in read_source(small).values["monitor"]
 
@@ -142,17 +142,17 @@ def test_limits_that_encoders_or_springs_cannot_keep_are_raised_and_say_so(tmp_p
         (("a=80", "b=35", "l_a=100", "l_b=inf"), (), "--lengths-mm l_b=inf: expected"),
         (("a=0.08", "b=0.035", "l_a=0.1", "l_b=0.18"), (), "--lengths-mm a=0.08: expected"),
         (("a=80", "b=35", "l_a=100", "l_b=wide"), (), "--lengths-mm l_b=wide: expected"),
-        (("a=80", "b=35", "l_a=100", "l_c=180"), (), "--lengths-mm l_c=180: no such value"),
-        (("a=80", "a=80", "b=35", "l_a=100"), (), "--lengths-mm a=80: a is given twice"),
+        (("a=80", "b=35", "l_a=100", "l_c=180"), (), "--lengths-mm l_c=180: unknown or given twice"),
+        (("a=80", "a=80", "b=35", "l_a=100"), (), "--lengths-mm a=80: unknown or given twice"),
         (("a=80", "b=35", "l_a=100"), (), "--lengths-mm: l_b is missing"),
-        (("a=80", "b=35", "l_a=100", "l_b=120"), (), "no home pose: .* meet at l_b > 139.0 mm, have 120.0 mm"),
+        (("a=80", "b=35", "l_a=100", "l_b=120"), (), "no home pose: the legs do not meet .* expected l_b > 139.0 mm"),
         (("a=8", "b=3.5", "l_a=10", "l_b=18"), (), "no home pose: .* mm inside each other"),
         (("a=20", "b=200", "l_a=60", "l_b=180"), (), "no room to work at the home pose"),
         (("a=800", "b=350", "l_a=1000", "l_b=1800"), (), "no room to work .* deflects a spring"),
         (SIZES["other"], ("m_a=0",), "--masses-g m_a=0: expected a number of g from 0.001"),
         (SIZES["other"], ("m_p=-1",), "--masses-g m_p=-1: expected"),
         (SIZES["other"], ("m_b=nan",), "--masses-g m_b=nan: expected"),
-        (SIZES["other"], ("m_c=30",), "--masses-g m_c=30: no such value"),
+        (SIZES["other"], ("m_c=30",), "--masses-g m_c=30: unknown or given twice"),
         (SIZES["other"], ("m_p=20000",), "no room to work"),
     ],
 )

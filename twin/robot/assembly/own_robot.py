@@ -2,23 +2,22 @@
 
 The home pose (`mechanism.workspace.home_height`) decides the height at which the robot works, as Fig. 4 does for the
 paper's robot: there the platform presses, `PRESS_DEPTH` below the surface. All distances from the surface are those of
-the shipped experiments, times a share for robots that are too small for them.
+the shipped experiments, times a share for robots with less space.
 """
 
 import contextlib
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.errors import InputRefused
 from twin.kernel.files import parse_toml
 from twin.robot.assembly.build import monitor_belief
-from twin.robot.assembly.checks.monitor_limits import contradictions, derived_limits
+from twin.robot.assembly.checks.monitor_limits import contradictions, raised_limits
 from twin.robot.assembly.checks.reach import find_obstruction, free_poses
 from twin.robot.assembly.declared import DECLARED_TABLES
 from twin.robot.assembly.load import checked_experiment, load_experiment
@@ -26,7 +25,7 @@ from twin.robot.experiment.drive_files import locate_drive
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.experiment_files import experiment_file
 from twin.robot.experiment.mistakes import MAX_LENGTH, MIN_LENGTH, check_table
-from twin.robot.experiment.robot_file import SHIPPED_RADIUS, SHIPPED_SURFACE, fit_to_robot
+from twin.robot.experiment.robot_file import fit_to_robot
 from twin.robot.experiment.source import Source, apply_overrides, is_robot, read_source, toml_value
 from twin.robot.experiment.template import (
     FIG4_EXPERIMENT,
@@ -40,128 +39,76 @@ from twin.robot.experiment.template import (
 )
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import joint_angles
-from twin.robot.mechanism.workspace import home_height
+from twin.robot.mechanism.workspace import HOME_ANGLE, home_height
 from twin.robot.monitor.limits import Monitor
 from twin.robot.paths import locate_file
 from twin.robot.plant.dynamics import Robot
 
-LENGTHS, MASSES = ("a", "b", "l_a", "l_b"), ("m_a", "m_b", "m_p")
+GIVEN_VALUES = {
+    "--lengths-mm": (("a", "b", "l_a", "l_b"), MIN_LENGTH, MAX_LENGTH),
+    "--masses-g": (("m_a", "m_b", "m_p"), 1e-3, 1e5),
+}
+"""Option -> names of its values, their minimum and maximum."""
 PRESS_DEPTH = 4.0
 """Depth (mm) of the home pose below the surface: Fig. 4 presses at p_z = -105 mm on a surface at -101 mm."""
 APPROACH_HEIGHT, FLOOR_DEPTH = 9.0, 29.0
 """Height of travel above the surface and depth of the deepest search for contact (mm), as in massage.toml."""
-TOP_HEIGHT, BOTTOM_DEPTH = 26.0, 34.0
-"""Height above and depth below the surface of the monitor's z_max and z_min (mm), its defaults on the shipped robot."""
+SPACE = {"workspace_radius_mm": 40.0, "z_min_mm": -34.0, "z_max_mm": 26.0}
+"""Defaults of [monitor] on the shipped robot (mm); heights above the surface."""
 SPACE_SHARES = tuple(round(1.0 - 0.05 * step, 2) for step in range(15))
-"""Shares of the shipped workspace that are tried, the largest first; with less there is no room for a massage."""
-TASK_SPACE = 0.8
-"""Maximum height of travel as a share of the monitor's z_max above the surface."""
-MIN_MASS, MAX_MASS = 1e-3, 1e5
-"""Range of masses (g)."""
-
-
-def given_numbers(
-    option: str, texts: Iterable[str], names: Sequence[str], least: float, most: float
-) -> dict[str, float]:
-    """Parse `name=number` texts of an option whose numbers are from `least` to `most`.
-
-    Raises:
-        InputRefused: a name is unknown or repeated, or a number is invalid.
-    """
-    found: dict[str, float] = {}
-    for text in texts:
-        name, _, value = text.partition("=")
-        if name not in names:
-            raise InputRefused(f"{option} {text}: no such value; {nearest(name, names, 'expected {}')}")
-        if name in found:
-            raise InputRefused(f"{option} {text}: {name} is given twice")
-        with contextlib.suppress(ValueError):
-            found[name] = float(value)
-        if not least <= found.get(name, math.nan) <= most:
-            unit = option.rpartition("-")[2]
-            raise InputRefused(f"{option} {text}: expected a number of {unit} from {least:g} to {most:g}")
-    return found
+"""Shares of that space that are tried, the largest first; with less there is no room for a massage."""
 
 
 def cylinder_poses(radius: float, bottom: float, top: float) -> NDArray[np.float64]:
     """Return platform poses (n, 3) that fill a vertical cylinder about the axis, SI."""
-    angles, shares = np.radians(np.arange(0.0, 360.0, 5.0)), np.array([1.0, 0.5])
-    disk = [(share * radius * np.cos(angles), share * radius * np.sin(angles)) for share in shares]
-    x, y = np.append(np.ravel([x for x, _ in disk]), 0.0), np.append(np.ravel([y for _, y in disk]), 0.0)
-    heights = np.linspace(bottom, top, 13)
-    return np.column_stack([np.tile(x, len(heights)), np.tile(y, len(heights)), np.repeat(heights, len(x))])
+    angles = np.radians(np.arange(0.0, 360.0, 5.0))
+    x, y, z = np.broadcast_arrays(
+        radius * np.array([[0.5], [1.0]]) * np.cos(angles), radius * np.array([[0.5], [1.0]]) * np.sin(angles),
+        np.linspace(bottom, top, 13)[:, None, None],
+    )  # fmt: skip
+    return np.stack([x, y, z], axis=-1).reshape(-1, 3)
 
 
-class WorkingSpace(NamedTuple):
-    """Place at which a robot works, from its lengths (mm).
-
-    Attributes:
-        home: z of the home pose.
-        surface: z of the surface.
-        share: share of the shipped workspace.
-        limits: keys of [monitor] -> (value, source).
-        monitor: these limits as a table.
-    """
-
-    home: float
-    surface: float
-    share: float
-    limits: dict[str, tuple[float, str]]
-    monitor: Monitor
-
-    def from_surface(self, distance: float) -> float:
-        """Return the z (mm) of a height above the surface on the shipped robot (mm)."""
-        return round(self.surface + self.share * distance, 1)
-
-
-def working_space(robot: Robot) -> WorkingSpace:
+def working_space(robot: Robot) -> tuple[float, dict[str, tuple[float, str]], Monitor]:
     """Compute the place at which a robot works.
+
+    Returns:
+        (z of the home pose (mm), computed values of its file by dotted key, with sources, its monitor).
 
     Raises:
         InputRefused: the robot has no home pose, or too little space around it.
     """
     home = 1e3 * home_height(geometry_of(robot))
-    at_home = np.array([[0.0, 0.0, 1e-3 * home]])
-    if found := find_obstruction(robot, at_home):
-        raise InputRefused(f"no home pose: {found[1]}")
-    problem = ""
+    if found := find_obstruction(robot, np.array([[0.0, 0.0, 1e-3 * home]])):
+        raise InputRefused(f"no home pose: {found[1].partition('; ')[0]}; change the lengths, or --set that of [robot]")
+    surface, belief, problem = float(round(home + PRESS_DEPTH)), monitor_belief(robot), ""
     for share in SPACE_SHARES:
-        space = WorkingSpace(home, float(round(home + PRESS_DEPTH)), share, {}, Monitor())
-        space = _limited(space, robot)
-        monitor = space.monitor
-        problems = contradictions(monitor, monitor_belief(robot), monitor.period, math.inf)
+        limits = {key: round(share * d + surface * key.startswith("z"), 1) for key, d in SPACE.items()}
+        raised: dict[str, float] = {}
+        with contextlib.suppress(InputRefused):
+            # contradictions report a pose that is out of reach
+            raised = raised_limits(Monitor(**limits), belief)
+        monitor = Monitor(**limits | raised)
+        problems = contradictions(monitor, belief, monitor.period, math.inf)
         poses = cylinder_poses(monitor.workspace_radius, monitor.z_min, monitor.z_max)
         if not problems and free_poses(robot, poses).all():
-            return space
+            break
         problem = problems[0] if problems else "links or rods would touch, or a ball joint bend too far"
-    raise InputRefused(
-        f"no room to work at the home pose (0, 0, {home:.1f}) mm, not even {SPACE_SHARES[-1] * SHIPPED_RADIUS:g} mm "
-        f"about the axis; change lengths or masses, or --set robot.k_s_Nm_per_rad: {problem}"
-    )
-
-
-def _limited(space: WorkingSpace, robot: Robot) -> WorkingSpace:
-    """Return the working space with the limits of its monitor."""
-    radius, top, bottom = (
-        f"{distance:g} mm" + ("" if space.share == 1.0 else f" times {space.share:g}, more is not free")
-        for distance in (SHIPPED_RADIUS, TOP_HEIGHT, BOTTOM_DEPTH)
-    )
-    limits = {
-        "workspace_radius_mm": (round(space.share * SHIPPED_RADIUS, 1), f"computed: {radius}, within reach"),
-        "z_min_mm": (space.from_surface(-BOTTOM_DEPTH), f"computed: below the surface by {bottom}"),
-        "z_max_mm": (space.from_surface(TOP_HEIGHT), f"computed: over the surface by {top}"),
+    else:
+        raise InputRefused(
+            f"no room to work at the home pose (0, 0, {home:.1f}) mm; change lengths or masses, or --set "
+            f"robot.k_s_Nm_per_rad: {problem}"
+        )
+    above, below = min(APPROACH_HEIGHT, 0.8 * share * SPACE["z_max_mm"]), share * FLOOR_DEPTH
+    less = "" if share == 1.0 else f", {share:g} of the shipped robot's space: more is not free"
+    computed = {
+        "contact.height_mm": (surface, f"{PRESS_DEPTH:g} mm above the home pose (0, 0, {home:.1f}) mm"),
+        "approach.height_mm": (round(surface + above, 1), "above the surface"),
+        "approach.floor_mm": (round(surface - below, 1), f"below the surface{less}"),
+        **{f"monitor.{key}": (value, f"about the surface, within reach{less}") for key, value in limits.items()},
+        **{f"monitor.{key}": (value, "encoders and springs allow no less") for key, value in raised.items()},
     }
-    with_limits = space._replace(limits=limits, monitor=_monitor(limits))
-    try:
-        limits |= derived_limits(with_limits.monitor, monitor_belief(robot))
-    except InputRefused:
-        # contradictions report the pose that is out of reach
-        return with_limits
-    return with_limits._replace(limits=limits, monitor=_monitor(limits))
-
-
-def _monitor(limits: dict[str, tuple[float, str]]) -> Monitor:
-    return Monitor(**{key: value for key, (value, _) in limits.items()})
+    return home, {key: (value, f"computed: {why}") for key, (value, why) in computed.items()}, monitor
 
 
 def start_robot(
@@ -171,8 +118,7 @@ def start_robot(
 
     Args:
         file: file to write.
-        lengths: `name=mm` of all of `LENGTHS`.
-        masses: `name=g` of some of `MASSES`.
+        lengths, masses: `name=number` of all lengths (mm), and of some masses (g), see `GIVEN_VALUES`.
         settings: other values of [robot], `robot.key=value`.
 
     Returns:
@@ -182,60 +128,61 @@ def start_robot(
         InputRefused: `file` exists, a value is invalid, or the robot cannot work.
         NotWritten: the file cannot be written.
     """
-    given = given_numbers("--lengths-mm", lengths, LENGTHS, MIN_LENGTH, MAX_LENGTH)
-    if missing := [name for name in LENGTHS if name not in given]:
+    own = Source({"robot": {"name": file.stem}})
+    for (option, (names, least, most)), texts in zip(GIVEN_VALUES.items(), (lengths, masses), strict=True):
+        unit = option.rpartition("-")[2]
+        for text in texts:
+            name, _, value = text.partition("=")
+            key = f"{name}_{unit}"
+            if name not in names or key in own.values["robot"]:
+                raise InputRefused(f"{option} {text}: unknown or given twice; expected each of {', '.join(names)} once")
+            own.merge({"robot": {key: _number(value)}}, f"given: {option}")
+            if not least <= own.values["robot"][key] <= most:
+                raise InputRefused(f"{option} {text}: expected a number of {unit} from {least:g} to {most:g}")
+    if missing := [name for name in GIVEN_VALUES["--lengths-mm"][0] if f"{name}_mm" not in own.values["robot"]]:
         raise InputRefused(f"--lengths-mm: {', '.join(missing)} is missing; expected a=80 b=35 l_a=100 l_b=180, in mm")
-    weights = given_numbers("--masses-g", masses, MASSES, MIN_MASS, MAX_MASS)
-    own = Source()
     apply_overrides(own, settings)
     if own.values.keys() - {"robot"}:
         raise InputRefused("--set: only values of [robot] describe a robot, such as robot.k_s_Nm_per_rad=2")
-    own.merge({"robot": {f"{name}_mm": value for name, value in given.items()}}, "given: --lengths-mm")
-    own.merge({"robot": {f"{name}_g": value for name, value in weights.items()}}, "given: --masses-g")
     shipped = read_source(locate_file(f"experiments/{ROBOT_FILE}", Path.cwd())).values
     mistakes: list[str] = []
     robot = check_table(Robot, {**shipped["robot"], **own.values["robot"]}, "robot", mistakes)
     if robot is None:
         raise InputRefused(mistakes[0])
-    own.values["robot"].setdefault("name", file.stem)
-    space = working_space(robot)
-    height = round(min(APPROACH_HEIGHT, TASK_SPACE * space.share * TOP_HEIGHT), 1)
-    floor = space.from_surface(-FLOOR_DEPTH)
-    own.values["approach"] = dict(read_source(shipped_experiment(TASK_EXPERIMENT)).values["approach"])
-    computed = {
-        "contact.height_mm": (
-            space.surface, f"computed: {PRESS_DEPTH:g} mm above the home pose (0, 0, {space.home:.1f}) mm"
-        ),
-        "approach.height_mm": (space.surface + height, f"computed: {height:g} mm over the surface"),
-        "approach.floor_mm": (floor, f"computed: {space.surface - floor:g} mm below the surface"),
-        **{f"monitor.{key}": value for key, value in space.limits.items()},
-    }  # fmt: skip
+    home, computed, monitor = working_space(robot)
+    massage = read_source(shipped_experiment(TASK_EXPERIMENT))
+    own.values["approach"] = dict(massage.values["approach"])
+    own.origins |= {key: text for key, text in massage.origins.items() if key.startswith("approach.")}
     for dotted, (value, source) in computed.items():
         table, _, key = dotted.partition(".")
         own.merge({table: {key: value}}, source)
-    return write_new(
-        DECLARED_TABLES, file, commented_robot(DECLARED_TABLES, file.name, own, [*_remarks(robot, space, own)])
-    )
+    text = commented_robot(DECLARED_TABLES, file.name, own, [*_remarks(robot, home, monitor, own)])
+    return write_new(DECLARED_TABLES, file, text)
 
 
-def _remarks(robot: Robot, space: WorkingSpace, own: Source) -> Iterable[str]:
+def _number(text: str) -> float:
+    """Parse a number; NaN if it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+def _remarks(robot: Robot, home: float, monitor: Monitor, own: Source) -> Iterable[str]:
     """Yield the consequences of a robot's lengths that are no keys of its file."""
     yield "Computed from the lengths, for reading:"
-    yield f"home pose: p = (0, 0, {space.home:.1f}) mm, all proximal links 20 deg below the horizontal"
-    monitor = space.monitor
+    yield f"home pose: p = (0, 0, {home:.1f}) mm, proximal links {math.degrees(HOME_ANGLE):g} deg below the horizontal"
     poses = cylinder_poses(monitor.workspace_radius, monitor.z_min, monitor.z_max)
-    theta_l = joint_angles(geometry_of(robot), poses)
-    low, high = float(theta_l.min()), float(theta_l.max())
-    bent = monitor.deflection_limit
+    theta_l, bent = joint_angles(geometry_of(robot), poses), monitor.deflection_limit
     for name, counts, ends in (
-        ("joint", robot.joint_counts_per_turn, (low, high)),
-        ("motor", robot.motor_counts_per_turn, (robot.N * low - bent, robot.N * high + bent)),
+        ("joint", robot.joint_counts_per_turn, (theta_l.min(), theta_l.max())),
+        ("motor", robot.motor_counts_per_turn, (robot.N * theta_l.min() - bent, robot.N * theta_l.max() + bent)),
     ):
         degrees = " to ".join(f"{math.degrees(end):.1f}" for end in ends)
         numbers = " to ".join(str(round(end / (2.0 * math.pi) * counts)) for end in ends)
         yield f"range of the {name} encoders within [monitor]: {degrees} deg, counts {numbers} of {counts} per turn"
     fig4 = read_source(shipped_experiment(FIG4_EXPERIMENT))
-    fit_to_robot(fig4, Source({"contact": {"height_mm": SHIPPED_SURFACE}}), own)
+    fit_to_robot(fig4, read_source(shipped_experiment(FIG4_EXPERIMENT)), own)
     yield "way points of Fig. 4 on this robot (mm), as twin init writes them into its experiments:"
     yield f"p_mm = {toml_value(fig4.values['reference']['p_mm'])}"
 
@@ -243,13 +190,7 @@ def _remarks(robot: Robot, space: WorkingSpace, own: Source) -> Iterable[str]:
 def experiment_on_robot(
     robot: Path, start: str, where: Path, overrides: Iterable[str] = (), drive: str | None = None
 ) -> Experiment:
-    """Return a shipped experiment on another robot, without writing a file.
-
-    Args:
-        robot: file of the robot.
-        start: name of the experiment.
-        where: file of the experiment, for its name and error messages.
-        overrides, drive: as in `load_experiment`.
+    """Return the shipped experiment `start` on another robot, as if it were in the file `where`.
 
     Raises:
         InputRefused: the robot cannot do the experiment, or a file is invalid.
@@ -278,15 +219,7 @@ def load_on_robot(path: Path, overrides: Iterable[str] = (), drive: str | None =
 
 
 def start_on_robot(file: Path, start: str, robot: Path) -> list[Path]:
-    """Write a new experiment file: a shipped experiment on another robot, after a check that the robot can do it.
-
-    Returns:
-        The written files: `file`, and the JSON Schema beside it if missing.
-
-    Raises:
-        InputRefused: `file` exists, or the robot cannot do the experiment.
-        NotWritten: the file cannot be written.
-    """
+    """Write a shipped experiment on another robot like `start_experiment`, if the robot can do it."""
     if not os.path.isfile(robot):
         raise InputRefused(f"{robot}: no such robot's file; --lengths-mm a=80 b=35 l_a=100 l_b=180 writes one")
     experiment_on_robot(robot, start, file)

@@ -69,22 +69,18 @@ def home_height(geometry: Geometry) -> float:
     Raises:
         Unreachable: the distal links do not meet there, or only beyond the parallel singularity.
     """
-    pose = (HOME_ANGLE,) * 3
-    at = f"no home pose: with the proximal links {math.degrees(HOME_ANGLE):g} deg below the horizontal"
+    pose, excess = (HOME_ANGLE,) * 3, 0.0
     try:
         p_B = position(geometry, pose)
+        if is_reachable(geometry, p_B):
+            return float(p_B[2])
     except Unreachable as problem:
-        needed = 1e3 * (geometry.l_b + problem.excess)
-        raise Unreachable(
-            f"{at} the distal links meet at l_b > {needed:.1f} mm, have {1e3 * geometry.l_b:.1f} mm; lengthen l_b, or "
-            "shorten l_a or a",
-            0, pose, problem.excess,
-        ) from None  # fmt: skip
-    if not (p_B[2] < 0.0 and is_reachable(geometry, p_B)):
-        raise Unreachable(
-            f"{at} the platform is beyond the parallel singularity; expected b below a + l_a", 0, pose, abs(p_B[2])
-        )
-    return float(p_B[2])
+        excess = problem.excess
+    needed = f"l_b > {1e3 * (geometry.l_b + excess):.1f} mm" if excess else "b below a + l_a"
+    raise Unreachable(
+        f"no home pose: the legs do not meet with the proximal links {math.degrees(HOME_ANGLE):g} deg below the "
+        f"horizontal; expected {needed}, or change the other lengths", 0, pose, excess
+    )  # fmt: skip
 
 
 class Bars(NamedTuple):

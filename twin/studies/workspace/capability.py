@@ -14,6 +14,7 @@ With tau_l = k_s N eta (theta_m - N theta_l) (Eq. 18-20), dtheta_l = J dp_B (Eq.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +35,7 @@ from twin.studies.qualify.bench import response
 from twin.studies.qualify.definitions import AVERAGE_TIME, MAX_LOAD, TICK
 from twin.studies.qualify.motion import overload, stall_torque
 
-Vector = tuple[float, float, float]
-"""Values along x, y and z of the base frame."""
+Numbers = NDArray[np.float64]
 REACH_STEPS = 150
 """Steps per length of the distal links in the search for an edge of the reach, which is then bisected."""
 EDGE_TOLERANCE = 1e-6
@@ -48,13 +48,8 @@ IN_RUN = ("encoder counts", "backlash")
 """Imperfections of the accuracy budget that are values of the robot."""
 
 
-@dataclass(frozen=True)
-class DriveLimits:
-    """Largest torque (N m) and speed (rad/s) of a drive at the motor shaft.
-
-    Attributes:
-        remark: reason why the torque is a lower bound; "" if it is measured.
-    """
+class DriveLimits(NamedTuple):
+    """Stall torque (N m) and speed without load (rad/s) at a motor shaft; a remark if the torque is a lower bound."""
 
     label: str
     torque: float
@@ -62,9 +57,8 @@ class DriveLimits:
     remark: str
 
 
-@dataclass(frozen=True)
-class RankedValue:
-    """A value of the robot and its effect on the estimated force: rms error (N) and its cause."""
+class RankedValue(NamedTuple):
+    """A value of the robot, its effect on the estimated force, rms (N), and the reason for the assumed change."""
 
     label: str
     rms: float
@@ -73,7 +67,7 @@ class RankedValue:
 
 @dataclass(frozen=True)
 class Capability:
-    """Capability of a robot, SI; vectors along x, y, z.
+    """Capability of a robot, SI; vectors (3,) along x, y, z, see above.
 
     Attributes:
         pose: working pose on the axis (m).
@@ -81,18 +75,15 @@ class Capability:
         radius, bottom, top: largest free vertical cylinder about the axis, between floor and travelling height (m).
         serial, parallel: distance from singularities at the pose: least `transmission_sines`, size of `distal_volume`.
         least_serial, least_parallel: the same, least in the cylinder.
-        stiffness, smallest_force, count_force, largest_force, largest_speed: see above.
-        weight: own weight (N) that the springs carry at the platform.
-        weight_deflection: largest deflection by it (rad, motor side).
-        sag: descent of the platform by it with the motors held (m).
-        drives: drive of each joint.
+        weight, weight_deflection, sag: own weight that the springs carry at the platform (N), the largest deflection
+            (rad, motor side) and the descent of the platform with the motors held (m) by it.
+        drives: of the joints.
         own, assumed: number of own values of [robot], keys whose source begins with "assumed".
-        ranking: values that matter most for the force, the largest first.
-        unranked: reason for an empty ranking.
+        ranking, unranked: values that matter most for the force, the largest first, or the reason for none.
     """
 
     name: str
-    pose: Vector
+    pose: Numbers
     reach_z: tuple[float, float]
     radius: float
     bottom: float
@@ -101,11 +92,11 @@ class Capability:
     parallel: float
     least_serial: float
     least_parallel: float
-    stiffness: Vector
-    smallest_force: Vector
-    count_force: Vector
-    largest_force: Vector
-    largest_speed: Vector
+    stiffness: Numbers
+    smallest_force: Numbers
+    count_force: Numbers
+    largest_force: Numbers
+    largest_speed: Numbers
     weight: float
     weight_deflection: float
     sag: float
@@ -127,50 +118,42 @@ def capability(experiment: Experiment, rank: bool = True, say: Say = ignore_prog
         ComponentFailed: a drive failed.
     """
     plant, height, approach = experiment.plant, experiment.contact.height, experiment.approach
-    geometry, pose = geometry_of(plant), np.array([0.0, 0.0, height])
-    if not free_poses(plant, pose[None, :])[0]:
-        raise InputRefused(
-            f"{experiment.name}: the surface at z = {1e3 * height:g} mm is out of the robot's free reach"
-        )
-    bottom, top = (approach.floor, approach.height) if approach else (
-        height - 1e-3 * FLOOR_DEPTH, height + 1e-3 * APPROACH_HEIGHT
-    )  # fmt: skip
-    step = geometry.l_b / REACH_STEPS
+    geometry, pose, step = geometry_of(plant), np.array([0.0, 0.0, height]), plant.l_b / REACH_STEPS
 
     def is_free(z: float) -> bool:
         return z < 0.0 and bool(free_poses(plant, np.array([[0.0, 0.0, z]]))[0])
 
-    low = height - _edge(step, lambda d: is_free(height - d))
-    high = height + _edge(step, lambda d: is_free(height + d))
+    if not is_free(height):
+        raise InputRefused(
+            f"{experiment.name}: the surface at z = {1e3 * height:g} mm is out of the robot's free reach"
+        )
+    bottom = approach.floor if approach else height - 1e-3 * FLOOR_DEPTH
+    top = approach.height if approach else height + 1e-3 * APPROACH_HEIGHT
     radius = _edge(step, lambda r: bool(free_poses(plant, cylinder_poses(r, bottom, top)).all()))
-    J, theta_l = jacobian(geometry, pose), joint_angles(geometry, pose)
-    inside = jacobian(geometry, cylinder_poses(radius, bottom, top)) if radius else J[None]
+    J, inside = jacobian(geometry, pose), jacobian(geometry, cylinder_poses(radius, bottom, top) if radius else pose)
     k, back = plant.k_s * plant.N**2 * plant.eta, np.linalg.inv(J).T
     masses = Masses(plant.m_a, plant.m_b, plant.m_p, plant.I_r)
-    unloaded = force_on_environment(geometry, masses, theta_l, pose, np.zeros(3))
+    weight = force_on_environment(geometry, masses, joint_angles(geometry, pose), pose, np.zeros(3))
     say("drives", 0.0)
     # equal drives are measured once
     firsts = [experiment.drives.index(table) for table in experiment.drives]
     measured = {n: _measure_drive(experiment.drives[n], experiment.controller.speed_limit) for n in {*firsts}}
     drives = tuple(measured[n] for n in firsts)
-    torque, speed = (np.array([getattr(one, name) for one in drives]) for name in ("torque", "speed"))
-    held, carried = plant.N * plant.eta * torque, back @ unloaded
-
-    def largest(axis: int, way: float) -> float:
-        d = way * back[:, axis]
-        with np.errstate(divide="ignore"):
-            return float(np.min((held + np.sign(d) * carried) / np.abs(d)))
-
-    forces = (min(largest(0, 1.0), largest(0, -1.0)), min(largest(1, 1.0), largest(1, -1.0)), largest(2, -1.0))
+    held, carried = plant.N * plant.eta * np.array([one.torque for one in drives])[:, None], (back @ weight)[:, None]
+    speed = np.array([one.speed for one in drives])[:, None] / plant.N
     count_m, count_l = 2.0 * math.pi / plant.motor_counts_per_turn, 2.0 * math.pi / plant.joint_counts_per_turn
-    one_count = plant.k_s * plant.N * plant.eta * (count_m + plant.N * count_l)
-    stiffness = platform_stiffness(J, k)
-    robot = experiment.values["robot"]
+    stiffness, robot = platform_stiffness(J, k), experiment.values["robot"]
+    with np.errstate(divide="ignore"):
+        up, down = (np.min((held + way * np.sign(back) * carried) / np.abs(back), axis=0) for way in (1.0, -1.0))
+        largest_speed = np.min(speed / np.abs(J), axis=0)
     ranking, unranked = _ranking(experiment, say) if rank else ((), "not asked for")
     return Capability(
         name=experiment.name,
-        pose=_vector(pose),
-        reach_z=(low, high),
+        pose=pose,
+        reach_z=(
+            height - _edge(step, lambda d: is_free(height - d)),
+            height + _edge(step, lambda d: is_free(height + d)),
+        ),
         radius=radius,
         bottom=bottom,
         top=top,
@@ -178,25 +161,20 @@ def capability(experiment: Experiment, rank: bool = True, say: Say = ignore_prog
         parallel=float(abs(distal_volume(J))),
         least_serial=float(transmission_sines(geometry, inside).min()),
         least_parallel=float(np.abs(distal_volume(inside)).min()),
-        stiffness=_vector(stiffness),
-        smallest_force=_vector(k * count_l / np.abs(back).max(axis=0)),
-        count_force=_vector(one_count * np.abs(J).sum(axis=0)),
-        largest_force=forces,
-        largest_speed=_vector(np.min(speed[:, None] / (plant.N * np.maximum(np.abs(J), 1e-300)), axis=0)),
-        weight=float(-unloaded[2]),
+        stiffness=stiffness,
+        smallest_force=k * count_l / np.abs(back).max(axis=0),
+        count_force=plant.k_s * plant.N * plant.eta * (count_m + plant.N * count_l) * np.abs(J).sum(axis=0),
+        largest_force=np.array([*np.minimum(up, down)[:2], down[2]]),
+        largest_speed=largest_speed,
+        weight=float(-weight[2]),
         weight_deflection=float(np.abs(carried).max() / (plant.k_s * plant.N * plant.eta)),
-        sag=float(-unloaded[2] / stiffness[2]),
+        sag=float(-weight[2] / stiffness[2]),
         drives=drives,
         own=robot_values(experiment.values, experiment.origins)["own"],
         assumed=tuple(key for key in robot if experiment.origins.get(f"robot.{key}", "").startswith("assumed")),
         ranking=ranking,
         unranked=unranked,
     )
-
-
-def _vector(values: NDArray[np.float64]) -> Vector:
-    x, y, z = values.tolist()
-    return x, y, z
 
 
 def _edge(step: float, is_free: Callable[[float], bool]) -> float:

@@ -4,14 +4,12 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.studies.command import Argument, DriveName, Option, Say, Settings, study
-from twin.studies.precheck import load_robot_or_experiment
 from twin.studies.result import Result
 
 RESULTS_FOLDER = Path("results") / "robot"
-FACTS_FILE, PICTURE_FILE = "robot.json", "robot.png"
 
 
-@study(draws=True, isolated=True, before=[load_robot_or_experiment])
+@study(draws=True, isolated=True)
 def robot(
     experiment: Annotated[Path, Argument("File of a robot, or an experiment.", "ROBOT", complete="experiment")],
     say: Say,
@@ -37,11 +35,11 @@ def robot(
     from twin.studies.workspace.text import capability_result, draw_capability
 
     loaded = load_on_robot(experiment, settings, drive)
-    folder = make_folder(out or RESULTS_FOLDER / loaded.name)
     # absolute: an FMU may change the working directory
-    home = folder.absolute()
+    folder = make_folder(out or RESULTS_FOLDER / loaded.name)
+    files = {kind: (folder / name).absolute() for kind, name in (("picture", "robot.png"), ("facts", "robot.json"))}
     done = capability(loaded, rank, say)
-    draw_capability(done, loaded, home / PICTURE_FILE)
-    result = capability_result(done, {"picture": str(folder / PICTURE_FILE), "facts": str(folder / FACTS_FILE)})
-    write_json(home / FACTS_FILE, result.facts)
+    draw_capability(done, loaded, files["picture"])
+    result = capability_result(done, {kind: str(folder / file.name) for kind, file in files.items()})
+    write_json(files["facts"], result.facts)
     return result

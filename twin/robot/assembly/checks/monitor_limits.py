@@ -10,10 +10,8 @@ from twin.robot.monitor.safe_action import retreat
 
 MIN_RESOLUTION_RATIO = 3.0
 """Minimum ratio of a limit to the encoders' resolution, so that rounding alone stays well below it."""
-DEFLECTION_MARGIN = 1.1
-"""Ratio of a derived deflection limit to the deflection at the force limit."""
-MAX_DERIVED_DEFLECTION = 45.0
-"""Maximum derived deflection limit (deg): springs that twist further are too soft for the robot."""
+DEFLECTION_MARGIN, MAX_DEFLECTION = 1.1, 45.0
+"""Ratio of a raised deflection limit to the deflection at the force limit, and its maximum (deg)."""
 SAFETY_LIMITS = ("force_limit", "penetration_limit", "speed_limit")
 """Limits that protect the person, so a robot's resolution never raises them."""
 
@@ -42,33 +40,24 @@ def contradictions(monitor: Monitor, belief: MonitorBelief, sample_period: float
     ]
 
 
-def derived_limits(monitor: Monitor, belief: MonitorBelief) -> dict[str, tuple[float, str]]:
-    """Return the limits of [monitor] that must be higher for this robot: key -> (value, source).
-
-    Derived are the deflection limit from the springs, and limits below the resolution of the encoders.
+def raised_limits(monitor: Monitor, belief: MonitorBelief) -> dict[str, float]:
+    """Return by key the limits of [monitor] that a robot's encoders and springs need higher, to two digits.
 
     Raises:
         Unreachable: the middle of the monitor's workspace is out of reach.
     """
     p_B = (0.0, 0.0, 0.5 * (monitor.z_min + monitor.z_max))
     share = monitor_share(monitor.filter, monitor.period)
-    found = {}
-    for key, unit, scale, resolved in _resolution_limits(resolution(belief, p_B, monitor.period), share):
-        needed = MIN_RESOLUTION_RATIO * resolved
-        if getattr(monitor, key) < needed and key not in SAFETY_LIMITS:
-            source = f"computed: {MIN_RESOLUTION_RATIO:g} counts of the encoders"
-            found[f"{key}_{unit}"] = _round_up(scale * needed), source
+    needed = {
+        f"{key}_{unit}": MIN_RESOLUTION_RATIO * scale * resolved
+        for key, unit, scale, resolved in _resolution_limits(resolution(belief, p_B, monitor.period), share)
+        if key not in SAFETY_LIMITS and getattr(monitor, key) < MIN_RESOLUTION_RATIO * resolved
+    }
     bent = DEFLECTION_MARGIN * math.degrees(press_deflection(belief, p_B, monitor.force_limit))
-    if math.degrees(monitor.deflection_limit) < bent <= MAX_DERIVED_DEFLECTION:
-        source = f"computed: {100.0 * DEFLECTION_MARGIN - 100.0:.0f} % above the deflection at force_limit_N"
-        found["deflection_limit_deg"] = _round_up(bent), source
-    return found
-
-
-def _round_up(value: float) -> float:
-    """Round a positive number up to two significant digits."""
-    step = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return float(f"{math.ceil(value / step) * step:.6g}")
+    if math.degrees(monitor.deflection_limit) < bent <= MAX_DEFLECTION:
+        needed["deflection_limit_deg"] = bent
+    # rounded up: 5 % more is more than half a step of the second digit
+    return {key: float(f"{1.05 * value:.2g}") for key, value in needed.items()}
 
 
 def _time_contradictions(monitor: Monitor, sample_period: float, speed_limit: float) -> list[str]:
