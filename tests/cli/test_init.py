@@ -75,7 +75,7 @@ def test_a_robot_that_cannot_be_is_refused_in_one_sentence(tmp_path: Path):
         (["--robot", "mine.toml", *LENGTHS, "--masses-g", "m_p=0"], "--masses-g m_p=0: expected"),
         ([*LENGTHS], "expected --robot my_robot.toml"),
         (["--masses-g", "m_p=1"], "expected --robot my_robot.toml"),
-        (["--robot", "nobody.toml"], "nobody.toml: no such robot's file"),
+        (["--robot", "nobody.toml"], "nobody.toml: no such robot file"),
     ):
         done = twin("init", *words, cwd=tmp_path)
         assert done.returncode == 2 and told in done.stderr and done.stderr.count("\n") == 1, done.stderr

@@ -46,12 +46,12 @@ def test_the_lengths_of_the_shipped_robot_give_the_heights_of_the_shipped_experi
     assert massage.monitor is not None
     ends = {key: round(1e3 * getattr(massage.monitor, key), 6) for key in ("z_min", "z_max", "workspace_radius")}
     assert found["monitor"] == {f"{key}_mm": value for key, value in ends.items()}
-    own = experiment_on_robot(path, "fig4_force_position", tmp_path / "fig4.toml")
+    own = experiment_on_robot(path, "fig4_force_position")
     assert own.reference == load_experiment("fig4_force_position").reference
 
 
 def test_in_the_home_pose_all_links_are_20_deg_down_and_the_surface_is_4_mm_above(robot: Path, tmp_path: Path):
-    experiment = experiment_on_robot(robot, "fig4_force_position", tmp_path / "fig4.toml")
+    experiment = experiment_on_robot(robot, "fig4_force_position")
     (text,) = re.findall(r"home pose: p = \(0, 0, (-[\d.]+)\) mm", robot.read_text())
     home = 1e-3 * float(text)
     theta_l = joint_angles(geometry_of(experiment.plant), (0.0, 0.0, home))
@@ -79,7 +79,7 @@ def test_a_robot_of_another_size_presses_without_more_edits(robot: Path, tmp_pat
 def test_every_shipped_experiment_moves_with_the_surface_of_every_robot(robot: Path, tmp_path: Path):
     rise = 1e-3 * read_source(robot).values["contact"]["height_mm"] + 0.101
     for name in known_experiments():
-        own, shipped = experiment_on_robot(robot, name, tmp_path / f"{name}.toml"), load_experiment(name)
+        own, shipped = experiment_on_robot(robot, name), load_experiment(name)
         assert own.controller == shipped.controller.model_copy(update={"model": own.controller.model})
         assert (own.monitor is None) == (shipped.monitor is None)
         assert own.contact.height == pytest.approx(shipped.contact.height + rise)
@@ -107,7 +107,7 @@ def test_the_file_has_every_key_of_the_robot_and_says_where_values_come_from(rob
 def test_masses_and_other_values_are_the_robots_own(tmp_path: Path):
     path = tmp_path / "heavy.toml"
     start_robot(path, SIZES["other"], ["m_p=150", "m_a=60"], ["robot.k_s_Nm_per_rad=2"])
-    experiment = experiment_on_robot(path, "fig4_force_position", tmp_path / "fig4.toml")
+    experiment = experiment_on_robot(path, "fig4_force_position")
     assert (experiment.plant.m_p, experiment.plant.m_a, experiment.plant.m_b) == pytest.approx((0.150, 0.060, 0.030))
     assert experiment.plant.k_s == experiment.controller.model.k_s == 2.0
     assert experiment.origins["robot.m_p_g"] == "given: --masses-g"
@@ -118,7 +118,7 @@ def test_a_height_changed_in_the_robots_file_moves_its_experiments(tmp_path: Pat
     path = tmp_path / "mine.toml"
     start_robot(path, SIZES["other"])
     path.write_text(re.sub(r"(?m)^height_mm = \{ value = -145.0.*$", "height_mm = -150.0", path.read_text()))
-    experiment = experiment_on_robot(path, "fig4_force_position", tmp_path / "fig4.toml")
+    experiment = experiment_on_robot(path, "fig4_force_position")
     assert experiment.contact.height == pytest.approx(-0.150)
     assert min(z for _, _, z in experiment.reference.p) == pytest.approx(-0.154)
 
@@ -148,12 +148,13 @@ def test_limits_that_encoders_or_springs_cannot_keep_are_raised_and_say_so(tmp_p
         (("a=80", "b=35", "l_a=100", "l_b=120"), (), "no home pose: the legs do not meet .* expected l_b > 139.0 mm"),
         (("a=8", "b=3.5", "l_a=10", "l_b=18"), (), "no home pose: .* mm inside each other"),
         (("a=20", "b=200", "l_a=60", "l_b=180"), (), "no room to work at the home pose"),
-        (("a=800", "b=350", "l_a=1000", "l_b=1800"), (), "no room to work .* deflects a spring"),
+        (("a=800", "b=350", "l_a=1000", "l_b=1800"), (), "springs too soft: .* --set robot.k_s_Nm_per_rad="),
+        (("a=80", "b=35", "l_a=30", "l_b=76"), (), "no room to work at the home pose"),
         (SIZES["other"], ("m_a=0",), "--masses-g m_a=0: expected a number of g from 0.001"),
         (SIZES["other"], ("m_p=-1",), "--masses-g m_p=-1: expected"),
         (SIZES["other"], ("m_b=nan",), "--masses-g m_b=nan: expected"),
         (SIZES["other"], ("m_c=30",), "--masses-g m_c=30: unknown or given twice"),
-        (SIZES["other"], ("m_p=20000",), "no room to work"),
+        (SIZES["other"], ("m_p=20000",), "springs too soft"),
     ],
 )
 def test_a_robot_that_cannot_be_is_one_sentence_and_no_file(tmp_path: Path, lengths, masses, told: str):
@@ -163,10 +164,18 @@ def test_a_robot_that_cannot_be_is_one_sentence_and_no_file(tmp_path: Path, leng
     assert "\n" not in str(refusal.value) and not list(tmp_path.iterdir())
 
 
-def test_other_values_are_those_of_the_robot_and_right(tmp_path: Path):
-    for setting, told in (("monitor.force_limit_N=3", r"only values of \[robot\]"), ("robot.k_s=3", "unknown key")):
-        with pytest.raises(InputRefused, match=told):
-            start_robot(tmp_path / "mine.toml", SIZES["other"], (), [setting])
+@pytest.mark.parametrize(
+    ("setting", "told"),
+    [
+        ("monitor.force_limit_N=3", r"other values of \[robot\]"),
+        ("robot.m_p_g=0", r"other values of \[robot\]"),
+        ("robot.a_mm=70", r"other values of \[robot\]"),
+        ("robot.k_s=3", "unknown key"),
+    ],
+)
+def test_other_values_are_those_of_the_robot_and_right(tmp_path: Path, setting: str, told: str):
+    with pytest.raises(InputRefused, match=told):
+        start_robot(tmp_path / "mine.toml", SIZES["other"], (), [setting])
 
 
 def test_an_existing_file_stays(robot: Path, tmp_path: Path):
@@ -182,7 +191,25 @@ def test_an_experiment_that_the_robot_cannot_do_is_not_written(robot: Path, tmp_
     with pytest.raises(InputRefused, match="out of reach"):
         start_on_robot(file, "pressing", robot)
     assert not file.exists()
-    with pytest.raises(InputRefused, match="not a robot's file"):
+    with pytest.raises(InputRefused, match="not a robot file"):
         start_on_robot(file, "pressing", known_experiments()["pressing"])
-    with pytest.raises(InputRefused, match="no such robot's file"):
+    with pytest.raises(InputRefused, match="no such robot file"):
         start_on_robot(file, "pressing", tmp_path / "nobody.toml")
+
+
+@pytest.mark.parametrize("value", ['"high"', "nan", "true"])
+def test_an_invalid_height_in_a_robots_file_is_refused_by_name(tmp_path: Path, value: str):
+    path = tmp_path / "mine.toml"
+    start_robot(path, SIZES["other"])
+    path.write_text(re.sub(r"(?m)^height_mm = \{ value = -145.0", f"height_mm = {{ value = {value}", path.read_text()))
+    with pytest.raises(InputRefused, match=r"mine.toml: \[contact\] height_mm = "):
+        start_on_robot(tmp_path / "press.toml", "pressing", path)
+
+
+def test_a_heavy_robot_presses_with_a_limit_for_its_weight(tmp_path: Path):
+    path = tmp_path / "heavy.toml"
+    start_robot(path, ["a=84.2", "b=46.8", "l_a=152.5", "l_b=350.4"], ["m_a=356", "m_b=86.8", "m_p=457.6"])
+    assert read_source(path).values["monitor"]["deflection_limit_deg"] > 20.0
+    experiment = experiment_on_robot(path, "pressing")
+    run = run_in_memory(experiment, experiment.controller_ticks, ("plant.F_ee_B", "monitor.tripped"))
+    assert not run["monitor.tripped"].any() and -run["plant.F_ee_B"][:, 2].min() > 7.9

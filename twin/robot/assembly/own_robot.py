@@ -39,6 +39,7 @@ from twin.robot.experiment.template import (
 )
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import joint_angles
+from twin.robot.mechanism.unreachable import Unreachable
 from twin.robot.mechanism.workspace import HOME_ANGLE, home_height
 from twin.robot.monitor.limits import Monitor
 from twin.robot.paths import locate_file
@@ -84,8 +85,11 @@ def working_space(robot: Robot) -> tuple[float, dict[str, tuple[float, str]], Mo
     surface, belief, problem = float(round(home + PRESS_DEPTH)), monitor_belief(robot), ""
     for share in SPACE_SHARES:
         limits = {key: round(share * d + surface * key.startswith("z"), 1) for key, d in SPACE.items()}
+        if limits["z_max_mm"] >= 0.0:
+            problem = "it is too near the base"
+            continue
         raised: dict[str, float] = {}
-        with contextlib.suppress(InputRefused):
+        with contextlib.suppress(Unreachable):
             # contradictions report a pose that is out of reach
             raised = raised_limits(Monitor(**limits), belief)
         monitor = Monitor(**limits | raised)
@@ -129,6 +133,10 @@ def start_robot(
         NotWritten: the file cannot be written.
     """
     own = Source({"robot": {"name": file.stem}})
+    apply_overrides(own, settings)
+    decided = {f"{name}_{option.rpartition('-')[2]}" for option, (names, *_) in GIVEN_VALUES.items() for name in names}
+    if own.values.keys() - {"robot"} or own.values["robot"].keys() & decided:
+        raise InputRefused("--set: expected other values of [robot] than lengths and masses, as robot.k_s_Nm_per_rad=2")
     for (option, (names, least, most)), texts in zip(GIVEN_VALUES.items(), (lengths, masses), strict=True):
         unit = option.rpartition("-")[2]
         for text in texts:
@@ -141,9 +149,6 @@ def start_robot(
                 raise InputRefused(f"{option} {text}: expected a number of {unit} from {least:g} to {most:g}")
     if missing := [name for name in GIVEN_VALUES["--lengths-mm"][0] if f"{name}_mm" not in own.values["robot"]]:
         raise InputRefused(f"--lengths-mm: {', '.join(missing)} is missing; expected a=80 b=35 l_a=100 l_b=180, in mm")
-    apply_overrides(own, settings)
-    if own.values.keys() - {"robot"}:
-        raise InputRefused("--set: only values of [robot] describe a robot, such as robot.k_s_Nm_per_rad=2")
     shipped = read_source(locate_file(f"experiments/{ROBOT_FILE}", Path.cwd())).values
     mistakes: list[str] = []
     robot = check_table(Robot, {**shipped["robot"], **own.values["robot"]}, "robot", mistakes)
@@ -187,23 +192,21 @@ def _remarks(robot: Robot, home: float, monitor: Monitor, own: Source) -> Iterab
     yield f"p_mm = {toml_value(fig4.values['reference']['p_mm'])}"
 
 
-def experiment_on_robot(
-    robot: Path, start: str, where: Path, overrides: Iterable[str] = (), drive: str | None = None
-) -> Experiment:
-    """Return the shipped experiment `start` on another robot, as if it were in the file `where`.
+def experiment_on_robot(robot: Path, start: str, overrides: Iterable[str] = (), drive: str | None = None) -> Experiment:
+    """Return the shipped experiment `start` on the robot of a file, by the name of the file.
 
     Raises:
         InputRefused: the robot cannot do the experiment, or a file is invalid.
     """
-    text = commented_experiment(DECLARED_TABLES, where.name, shipped_experiment(start), robot, ROBOT_FILE)
-    tables = dict(parse_toml(text, str(where)))
+    text = commented_experiment(DECLARED_TABLES, robot.name, shipped_experiment(start), robot, ROBOT_FILE)
+    tables = dict(parse_toml(text, str(robot)))
     del tables["extends"]
     source, folder = read_source(robot), robot.resolve().parent
-    source.overlay(tables, f"set in {where.name}")
+    source.overlay(tables, f"set in {robot.name}")
     if drive is not None:
         source.select_file("drive", "fmu", locate_drive(drive, folder))
     apply_overrides(source, overrides)
-    return checked_experiment(source, where.stem, where, folder)
+    return checked_experiment(source, robot.stem, robot, folder)
 
 
 def load_on_robot(path: Path, overrides: Iterable[str] = (), drive: str | None = None) -> Experiment:
@@ -214,13 +217,13 @@ def load_on_robot(path: Path, overrides: Iterable[str] = (), drive: str | None =
     """
     file = experiment_file(path)
     if is_robot(read_source(file).values):
-        return experiment_on_robot(file, FIG4_EXPERIMENT, file, overrides, drive)
+        return experiment_on_robot(file, FIG4_EXPERIMENT, overrides, drive)
     return load_experiment(path, overrides, drive)
 
 
 def start_on_robot(file: Path, start: str, robot: Path) -> list[Path]:
     """Write a shipped experiment on another robot like `start_experiment`, if the robot can do it."""
     if not os.path.isfile(robot):
-        raise InputRefused(f"{robot}: no such robot's file; --lengths-mm a=80 b=35 l_a=100 l_b=180 writes one")
-    experiment_on_robot(robot, start, file)
+        raise InputRefused(f"{robot}: no such robot file; --lengths-mm a=80 b=35 l_a=100 l_b=180 writes one")
+    experiment_on_robot(robot, start)
     return start_experiment(DECLARED_TABLES, file, start, robot)

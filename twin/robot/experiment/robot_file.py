@@ -1,5 +1,6 @@
 """Adaptation of a shipped experiment to a robot that works at another height."""
 
+import math
 from typing import Any
 
 from twin.robot.experiment.source import Source, value_at
@@ -33,7 +34,8 @@ def fit_to_robot(own: Source, filled: Source, robot: Source) -> None:
         own.merge({"monitor": {"enabled": False}}, "as in the experiment that this one started from")
     for name, table in robot.values.items():
         filled.values[name] = {**filled.values.get(name, {}), **table}
-    if surface is None or surface == SHIPPED_SURFACE:
+    if not isinstance(surface, int | float) or not math.isfinite(surface) or surface == SHIPPED_SURFACE:
+        # an invalid height is reported when the experiment is checked
         return
 
     def moved(p: Any) -> Any:

@@ -113,7 +113,7 @@ def commented_experiment(
     inherited = read_source(robot or locate_file(f"experiments/{ROBOT_FILE}", base.parent)).values
     if robot is not None:
         if not is_robot(inherited):
-            raise InputRefused(f"{robot}: not a robot's file; expected one that twin init --robot has written")
+            raise InputRefused(f"{robot}: not a robot file; expected one that twin init --robot has written")
         fit_to_robot(own, filled, read_source(robot))
     for other in EXAMPLE_FILES:
         others.merge(read_source(locate_file(other, base.parent)).values, "")

@@ -27,7 +27,7 @@ def capability_result(done: Capability, files: Mapping[str, str]) -> Result:
     z, (low, high) = 1e3 * done.pose[2], (1e3 * value for value in done.reach_z)
     rows = [
         ("stiffness of the springs", done.stiffness, 1.0, "N/m"),
-        ("give under a force of 1 N", 1.0 / done.stiffness, 1e3, "mm"),
+        ("deflection under 1 N", 1.0 / done.stiffness, 1e3, "mm"),
         ("smallest force, one joint count", done.smallest_force, 1.0, "N"),
         ("one count on all six encoders", done.count_force, 1.0, "N"),
         ("largest force of the drives", done.largest_force, 1.0, "N"),

@@ -2,6 +2,7 @@
 
 import math
 
+from twin.kernel.errors import InputRefused
 from twin.robot.mechanism.unreachable import Unreachable
 from twin.robot.monitor.component import MonitorBelief, Resolution, geometry_of_belief, press_deflection, resolution
 from twin.robot.monitor.component import low_pass_share as monitor_share
@@ -10,8 +11,8 @@ from twin.robot.monitor.safe_action import retreat
 
 MIN_RESOLUTION_RATIO = 3.0
 """Minimum ratio of a limit to the encoders' resolution, so that rounding alone stays well below it."""
-DEFLECTION_MARGIN, MAX_DEFLECTION = 1.1, 45.0
-"""Ratio of a raised deflection limit to the deflection at the force limit, and its maximum (deg)."""
+DEFLECTION_MARGIN, MAX_DEFLECTION = 1.25, 45.0
+"""Ratio of a raised deflection limit to the deflection at rest by weight or force limit; maximum of the latter (deg)."""
 SAFETY_LIMITS = ("force_limit", "penetration_limit", "speed_limit")
 """Limits that protect the person, so a robot's resolution never raises them."""
 
@@ -45,6 +46,7 @@ def raised_limits(monitor: Monitor, belief: MonitorBelief) -> dict[str, float]:
 
     Raises:
         Unreachable: the middle of the monitor's workspace is out of reach.
+        InputRefused: weight or force bend the springs too far.
     """
     p_B = (0.0, 0.0, 0.5 * (monitor.z_min + monitor.z_max))
     share = monitor_share(monitor.filter, monitor.period)
@@ -53,9 +55,15 @@ def raised_limits(monitor: Monitor, belief: MonitorBelief) -> dict[str, float]:
         for key, unit, scale, resolved in _resolution_limits(resolution(belief, p_B, monitor.period), share)
         if key not in SAFETY_LIMITS and getattr(monitor, key) < MIN_RESOLUTION_RATIO * resolved
     }
-    bent = DEFLECTION_MARGIN * math.degrees(press_deflection(belief, p_B, monitor.force_limit))
-    if math.degrees(monitor.deflection_limit) < bent <= MAX_DEFLECTION:
-        needed["deflection_limit_deg"] = bent
+    # without contact the springs carry the weight
+    bent = max(math.degrees(press_deflection(belief, p_B, force)) for force in (0.0, monitor.force_limit))
+    if bent > MAX_DEFLECTION:
+        raise InputRefused(
+            f"springs too soft: weight or {monitor.force_limit:g} N bend them by {bent:.3g} deg, expected at "
+            f"most {MAX_DEFLECTION:g}; add --set robot.k_s_Nm_per_rad={belief.k_s * 2.0 * bent / MAX_DEFLECTION:.2g}"
+        )
+    if math.degrees(monitor.deflection_limit) < DEFLECTION_MARGIN * bent:
+        needed["deflection_limit_deg"] = DEFLECTION_MARGIN * bent
     # rounded up: 5 % more is more than half a step of the second digit
     return {key: float(f"{1.05 * value:.2g}") for key, value in needed.items()}
 
