@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 
 from twin.kernel.errors import InputRefused
+from twin.robot.assembly.build import plant_parameters
 from twin.robot.assembly.checks.reach import find_obstruction, reach_error
 from twin.robot.assembly.own_robot import load_on_robot, start_robot
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import joint_angles, position
 from twin.robot.mechanism.statics import Masses, force_on_environment
+from twin.robot.plant.component import rest_state
+from twin.robot.plant.contact import apex_frame
+from twin.robot.plant.dynamics import INITIAL_ANCHORS, acceleration
 from twin.studies.accuracy.budget import accuracy_budget
 from twin.studies.result import render_text
 from twin.studies.workspace import capability as study
@@ -63,6 +67,32 @@ def test_stiffness_is_the_force_of_a_small_displacement_with_the_motors_held(cas
         weights = [_force(experiment, p, np.zeros(3)) for p in (p_B + h * e, p_B - h * e)]
         change = (ends[0] - weights[0]) - (ends[1] - weights[1])
         assert -change[axis] / (2.0 * h) == pytest.approx(done.stiffness[axis], rel=1e-6)
+
+
+def test_the_natural_frequency_is_that_of_the_plant_within_its_coupling_terms(case: Case):
+    experiment, done = case
+    parameters = plant_parameters(experiment.plant, experiment.contact)._replace(K=0.0, b_j=0.0, backlash=0.0)
+    x, theta_m = rest_state(parameters, (0.0, 0.0, done.pose[2]))
+    apex, h = apex_frame(parameters), 1e-6
+    for axis in range(3):
+        ends = []
+        for way in (h, -h):
+            p = tuple(x[:3] + way * np.eye(3)[axis])
+            a, _ = acceleration(
+                parameters, p, (0.0, 0.0, 0.0), (0.0, 0.0), tuple(theta_m), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), apex,
+                INITIAL_ANCHORS.copy(), False,
+            )  # fmt: skip
+            ends.append(a[axis])
+        omega = np.sqrt((ends[1] - ends[0]) / (2.0 * h))
+        # the rods' coupling terms, and loaded springs that turn with the links
+        assert omega / (2.0 * np.pi) == pytest.approx(done.natural_frequency[axis], rel=0.15)
+
+
+def test_soft_springs_are_noted(case: Case):
+    _, done = case
+    soft = replace(done, natural_frequency=0.2 * done.natural_frequency)
+    assert "below 6 Hz" in render_text(capability_result(soft, {}))
+    assert "below 6 Hz" not in render_text(capability_result(done, {}))
 
 
 def test_the_smallest_force_turns_a_joint_by_a_count(case: Case):

@@ -4,6 +4,7 @@ With tau_l = k_s N eta (theta_m - N theta_l) (Eq. 18-20), dtheta_l = J dp_B (Eq.
 (Eq. 21-27) at the working pose p = (0, 0, height):
 
 - stiffness along an axis e, the others held, motors held: e^T J^T k J e, k = k_s N^2 eta.
+- natural frequency along e: sqrt(stiffness / mass) / (2 pi), mass m_p + m_b + ((m_a + m_b) l_a^2/3 + I_r) sum_i J_ie^2.
 - smallest force along e: it turns some joint by a whole count of its encoder, k (2 pi / n_l) / max_i |(J^-T e)_i|.
 - force of the counts along e: of one count on all six encoders, k_s N eta (2 pi / n_m + N 2 pi / n_l) sum_i |J_ie|.
 - largest force along e: no motor torque beyond the drive's stall torque T, |(J^-T (F e - weight))_i| <= N eta T; along
@@ -28,7 +29,7 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.schema import Drive
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import distal_volume, jacobian, joint_angles, transmission_sines
-from twin.robot.mechanism.statics import Masses, force_on_environment, platform_stiffness
+from twin.robot.mechanism.statics import Masses, force_on_environment, leg_inertia, moving_mass, platform_stiffness
 from twin.studies.accuracy.budget import UNCERTAINTIES, accuracy_budget
 from twin.studies.command import Say, ignore_progress
 from twin.studies.qualify.bench import response
@@ -93,6 +94,7 @@ class Capability:
     least_serial: float
     least_parallel: float
     stiffness: Numbers
+    natural_frequency: Numbers
     smallest_force: Numbers
     count_force: Numbers
     largest_force: Numbers
@@ -134,6 +136,7 @@ def capability(experiment: Experiment, rank: bool = True, say: Say = ignore_prog
     k, back = plant.k_s * plant.N**2 * plant.eta, np.linalg.inv(J).T
     masses = Masses(plant.m_a, plant.m_b, plant.m_p, plant.I_r)
     weight = force_on_environment(geometry, masses, joint_angles(geometry, pose), pose, np.zeros(3))
+    mass = moving_mass(masses) + leg_inertia(geometry, masses) * np.sum(J**2, axis=0)
     say("drives", 0.0)
     # equal drives are measured once
     firsts = [experiment.drives.index(table) for table in experiment.drives]
@@ -162,6 +165,7 @@ def capability(experiment: Experiment, rank: bool = True, say: Say = ignore_prog
         least_serial=float(transmission_sines(geometry, inside).min()),
         least_parallel=float(np.abs(distal_volume(inside)).min()),
         stiffness=stiffness,
+        natural_frequency=np.sqrt(stiffness / mass) / (2.0 * math.pi),
         smallest_force=k * count_l / np.abs(back).max(axis=0),
         count_force=plant.k_s * plant.N * plant.eta * (count_m + plant.N * count_l) * np.abs(J).sum(axis=0),
         largest_force=np.array([*np.minimum(up, down)[:2], down[2]]),

@@ -19,6 +19,12 @@ from twin.studies.workspace.capability import Capability
 MAP_POINTS = 161
 """Points of the map along each axis."""
 AXIS_COLUMNS = (Column("", 30, left=True), Column("x", 9), Column("y", 9), Column("z", 9), Column("", gap=2, left=True))
+SWING_NOTE = (
+    "a natural frequency below 6 Hz: with the shipped gains the platform may swing until the monitor trips; choose "
+    "stiffer springs or a lighter robot, or twin tune"
+)
+MIN_FREQUENCY = 6.0
+"""Natural frequency (Hz) below which tasks are doubtful: they trip the monitor below 5 Hz, and hold from 8.7 Hz on."""
 RANK_COLUMNS = (Column("value", 36, left=True), Column("rms", 8, ".3f", "N"))
 
 
@@ -28,6 +34,7 @@ def capability_result(done: Capability, files: Mapping[str, str]) -> Result:
     rows = [
         ("stiffness of the springs", done.stiffness, 1.0, "N/m"),
         ("deflection under 1 N", 1.0 / done.stiffness, 1e3, "mm"),
+        ("natural frequency on springs", done.natural_frequency, 1.0, "Hz"),
         ("smallest force, one joint count", done.smallest_force, 1.0, "N"),
         ("one count on all six encoders", done.count_force, 1.0, "N"),
         ("largest force of the drives", done.largest_force, 1.0, "N"),
@@ -44,6 +51,7 @@ def capability_result(done: Capability, files: Mapping[str, str]) -> Result:
         "",
         Table(AXIS_COLUMNS, [(name, *(f"{f * v:.3g}" for v in values), unit) for name, values, f, unit in rows]),
         "",
+        *([note("note", SWING_NOTE)] if done.natural_frequency.min() < MIN_FREQUENCY else []),
         note(
             "weight", f"{done.weight:.2f} N at the platform bends the springs by "
             f"{math.degrees(done.weight_deflection):.2f} deg (motor side); "

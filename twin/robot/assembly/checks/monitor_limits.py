@@ -12,7 +12,7 @@ from twin.robot.monitor.safe_action import retreat
 MIN_RESOLUTION_RATIO = 3.0
 """Minimum ratio of a limit to the encoders' resolution, so that rounding alone stays well below it."""
 DEFLECTION_MARGIN, MAX_DEFLECTION = 1.25, 45.0
-"""Ratio of a raised deflection limit to the deflection at rest by weight or force limit; maximum of the latter (deg)."""
+"""Ratio of a raised deflection limit to the deflection at rest by weight or force; its maximum (deg)."""
 SAFETY_LIMITS = ("force_limit", "penetration_limit", "speed_limit")
 """Limits that protect the person, so a robot's resolution never raises them."""
 
