@@ -123,6 +123,18 @@ class BruteRobot:
         heights = c.m_a * 0.5 * knees[:, 2] + c.m_b * 0.5 * (knees[:, 2] + joints[:, 2])
         return GRAVITY * float(heights.sum() + c.m_p * p_B[2])
 
+    def moving_mass(self, p_B: Numbers, way: Numbers) -> float:
+        """Return twice the kinetic energy (J) at a platform velocity of 1 m/s along `way`, (3,)."""
+        c, ends = self.plant, [self._at(p_B + s * STEP * way) for s in (1.0, -1.0)]
+        mass = c.m_p
+        for leg in range(3):
+            rate = (ends[0][leg] - ends[1][leg]) / (2.0 * STEP)
+            knee = (self.knee(leg, ends[0][leg]) - self.knee(leg, ends[1][leg])) / (2.0 * STEP)
+            mass += (c.m_a * c.l_a**2 / 3.0 + c.I_r) * rate**2
+            # a uniform rod: the mean of v^2 along it, v linear between its ends
+            mass += c.m_b / 3.0 * float(knee @ knee + knee @ way + way @ way)
+        return float(mass)
+
     def spring_energy(self, p_B: Numbers, rest: Numbers) -> float:
         """Return the energy (J) of the springs with the motors held where they are slack at angles `rest`."""
         c = self.plant

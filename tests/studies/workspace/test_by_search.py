@@ -88,6 +88,15 @@ def test_stiffness_and_weight_follow_from_energies(name: str):
 
 
 @of_every_robot
+def test_the_natural_frequency_follows_from_energies(name: str):
+    found, brute = robot(name)
+    pose = np.array(found.pose)
+    for axis, stiffness, frequency in zip(AXES, found.stiffness, found.natural_frequency, strict=True):
+        expected = math.sqrt(stiffness / brute.moving_mass(pose, axis)) / (2.0 * math.pi)
+        assert frequency == pytest.approx(expected, rel=1e-4)
+
+
+@of_every_robot
 def test_the_drives_hold_the_largest_force_and_no_more(name: str):
     found, brute = robot(name)
     pose, c = np.array(found.pose), brute.plant
