@@ -4,7 +4,8 @@ With tau_l = k_s N eta (theta_m - N theta_l) (Eq. 18-20), dtheta_l = J dp_B (Eq.
 (Eq. 21-27) at the working pose p = (0, 0, height):
 
 - stiffness along an axis e, the others held, motors held: e^T J^T k J e, k = k_s N^2 eta.
-- natural frequency along e: sqrt(stiffness / mass) / (2 pi), mass m_p + m_b + ((m_a + m_b) l_a^2/3 + I_r) sum_i J_ie^2.
+- natural frequency along e: sqrt(stiffness / M_ee) / (2 pi), with `plant.dynamics`
+  M_ee = m_p + m_b + I_a sum_i J_ie^2 + m_b/3 sum_i d_ie J_ie.
 - smallest force along e: it turns some joint by a whole count of its encoder, k (2 pi / n_l) / max_i |(J^-T e)_i|.
 - force of the counts along e: of one count on all six encoders, k_s N eta (2 pi / n_m + N 2 pi / n_l) sum_i |J_ie|.
 - largest force along e: no motor torque beyond the drive's stall torque T, |(J^-T (F e - weight))_i| <= N eta T; along
@@ -27,7 +28,7 @@ from twin.robot.assembly.own_robot import APPROACH_HEIGHT, FLOOR_DEPTH, cylinder
 from twin.robot.experiment.differences import robot_values
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.schema import Drive
-from twin.robot.mechanism.geometry import geometry_of
+from twin.robot.mechanism.geometry import OUTWARD, geometry_of
 from twin.robot.mechanism.kinematics import distal_volume, jacobian, joint_angles, transmission_sines
 from twin.robot.mechanism.statics import Masses, force_on_environment, leg_inertia, moving_mass, platform_stiffness
 from twin.studies.accuracy.budget import UNCERTAINTIES, accuracy_budget
@@ -136,7 +137,9 @@ def capability(experiment: Experiment, rank: bool = True, say: Say = ignore_prog
     k, back = plant.k_s * plant.N**2 * plant.eta, np.linalg.inv(J).T
     masses = Masses(plant.m_a, plant.m_b, plant.m_p, plant.I_r)
     weight = force_on_environment(geometry, masses, joint_angles(geometry, pose), pose, np.zeros(3))
-    mass = moving_mass(masses) + leg_inertia(geometry, masses) * np.sum(J**2, axis=0)
+    theta_l = joint_angles(geometry, pose)[:, None]
+    d = geometry.l_a * (-np.sin(theta_l) * OUTWARD - np.cos(theta_l) * np.array([0.0, 0.0, 1.0]))
+    mass = moving_mass(masses) + np.sum(leg_inertia(geometry, masses) * J**2 + plant.m_b / 3.0 * d * J, axis=0)
     say("drives", 0.0)
     # equal drives are measured once
     firsts = [experiment.drives.index(table) for table in experiment.drives]
