@@ -213,7 +213,8 @@ def current_spelling(words: list[str]) -> list[str]:
     `PAIR_OPTIONS` with several words, of which click would take one.
     """
     spelt, values = {"--no-isolate": "--isolate=none", "--realtime": "--realtime=1"}, typing.get_args(Isolation)
-    found, option = [], ""
+    found: list[str] = []
+    option = ""
     for word, following in pairwise([*words, ""]):
         if word.startswith("-") or "=" not in word:
             option = word if word in PAIR_OPTIONS else ""

@@ -120,7 +120,7 @@ def test_a_height_changed_in_the_robots_file_moves_its_experiments(tmp_path: Pat
     start_robot(path, SIZES["other"])
     path.write_text(re.sub(r"(?m)^height_mm = \{ value = -145.0.*$", "height_mm = -150.0", path.read_text()))
     experiment = experiment_on_robot(path, "fig4_force_position")
-    assert experiment.contact.height == pytest.approx(-0.150)
+    assert experiment.contact.height == pytest.approx(-0.150) and experiment.reference is not None
     assert min(z for _, _, z in experiment.reference.p) == pytest.approx(-0.154)
 
 

@@ -158,9 +158,9 @@ def start_robot(
     massage = read_source(shipped_experiment(TASK_EXPERIMENT))
     own.values["approach"] = dict(massage.values["approach"])
     own.origins |= {key: text for key, text in massage.origins.items() if key.startswith("approach.")}
-    for dotted, (value, source) in computed.items():
+    for dotted, (height, source) in computed.items():
         table, _, key = dotted.partition(".")
-        own.merge({table: {key: value}}, source)
+        own.merge({table: {key: height}}, source)
     text = commented_robot(DECLARED_TABLES, file.name, own, [*_remarks(robot, home, monitor, own)])
     return write_new(DECLARED_TABLES, file, text)
 
