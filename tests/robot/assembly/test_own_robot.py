@@ -171,6 +171,7 @@ def test_a_robot_that_cannot_be_is_one_sentence_and_no_file(tmp_path: Path, leng
         ("monitor.force_limit_N=3", r"other values of \[robot\]"),
         ("robot.m_p_g=0", r"other values of \[robot\]"),
         ("robot.a_mm=70", r"other values of \[robot\]"),
+        ("robot=3", r"other values of \[robot\]"),
         ("robot.k_s=3", "unknown key"),
     ],
 )

@@ -135,8 +135,10 @@ def start_robot(
     own = Source({"robot": {"name": file.stem}})
     apply_overrides(own, settings)
     decided = {f"{name}_{option.rpartition('-')[2]}" for option, (names, *_) in GIVEN_VALUES.items() for name in names}
-    if own.values.keys() - {"robot"} or own.values["robot"].keys() & decided:
+    values = own.values.pop("robot")
+    if own.values or not isinstance(values, dict) or values.keys() & decided:
         raise InputRefused("--set: expected other values of [robot] than lengths and masses, as robot.k_s_Nm_per_rad=2")
+    own.values["robot"] = values
     for (option, (names, least, most)), texts in zip(GIVEN_VALUES.items(), (lengths, masses), strict=True):
         unit = option.rpartition("-")[2]
         for text in texts:
