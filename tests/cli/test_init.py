@@ -37,3 +37,59 @@ def test_a_schema_that_cannot_be_written_is_one_sentence(tmp_path: Path):
     refused = twin("schema", "--out", "file/s.json", cwd=tmp_path)
     assert refused.returncode == 3
     assert refused.stderr == "file/s.json: cannot be written: Not a directory\n"
+
+
+LENGTHS = ("--lengths-mm", "a=80", "b=35", "l_a=100", "l_b=180")
+
+
+def test_a_new_robot_presses_without_more_edits(tmp_path: Path):
+    done = twin("init", "--robot", "mine.toml", *LENGTHS, "--masses-g", "m_a=50", "m_p=120", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == [
+        "mine.toml",
+        "experiment.schema.json",
+        "next: twin robot mine.toml",
+        "next: twin init press.toml --robot mine.toml",
+        "next: twin run press.toml",
+    ]
+    written = twin("init", "press.toml", "--robot", "mine.toml", cwd=tmp_path)
+    assert written.stdout == "press.toml\nnext: twin run press.toml\n", written.stderr
+    ran = twin("run", "press.toml", "--json", cwd=tmp_path)
+    assert ran.returncode == 0, ran.stderr
+    assert "4.9" in ran.stdout
+
+
+def test_robot_and_experiment_are_written_at_once_wherever_the_experiment_is(tmp_path: Path):
+    done = twin("init", "sub/press.toml", "--robot", "mine.toml", *LENGTHS, "--from", "pressing", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert 'extends = "../mine.toml"' in (tmp_path / "sub" / "press.toml").read_text()
+    assert twin("run", "sub/press.toml", cwd=tmp_path).returncode == 0
+
+
+def test_a_robot_that_cannot_be_is_refused_in_one_sentence(tmp_path: Path):
+    for words, told in (
+        (
+            ["--robot", "mine.toml", "--lengths-mm", "a=nan", "b=35", "l_a=100", "l_b=180"],
+            "--lengths-mm a=nan: expected",
+        ),
+        (["--robot", "mine.toml", *LENGTHS, "--masses-g", "m_p=0"], "--masses-g m_p=0: expected"),
+        ([*LENGTHS], "expected --robot my_robot.toml"),
+        (["--masses-g", "m_p=1"], "expected --robot my_robot.toml"),
+        (["--robot", "nobody.toml"], "nobody.toml: no such robot file"),
+    ):
+        done = twin("init", *words, cwd=tmp_path)
+        assert done.returncode == 2 and told in done.stderr and done.stderr.count("\n") == 1, done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_page_of_a_robot(tmp_path: Path):
+    assert twin("init", "--robot", "mine.toml", *LENGTHS, cwd=tmp_path).returncode == 0
+    done = twin("robot", "mine.toml", "--no-rank", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    facts = json.loads(done.stdout)
+    assert facts["name"] == "mine" and facts["pose"] == [0.0, 0.0, -0.145]
+    assert [str(path.relative_to(tmp_path)) for path in sorted(tmp_path.glob("results/robot/mine/*"))] == [
+        "results/robot/mine/robot.json", "results/robot/mine/robot.png"
+    ]  # fmt: skip
+    refused = twin("robot", "nobody.toml", cwd=tmp_path)
+    assert refused.returncode == 2 and refused.stderr == "nobody.toml: no such experiment file\n"

@@ -71,6 +71,7 @@ def test_any_body_can_take_the_place_of_the_experiments(root: Path, tmp_path: Pa
     assert done.returncode == 0, done.stderr
     contact = json.loads(read(tmp_path / "x" / "run.mcap").metadata["experiment"]["values"])["contact"]
     assert (contact["body"], contact["kind"], contact["law"]) == ("back", "skin", "exponential")
+    assert "surface at z = -101.0 mm, height_mm of back.toml (assumed: as high as" in " ".join(done.stdout.split())
 
 
 def test_what_happened_in_a_run_is_told_with_its_time_but_for_what_is_for_debugging(root: Path, tmp_path: Path):

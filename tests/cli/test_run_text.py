@@ -61,6 +61,7 @@ def test_a_run_that_holds_nothing_says_why():
     run = RUN | {"outcome": OUTCOME | {"measures": none}}
     assert run_text(run).splitlines()[2] == "  held       none: no force loop"
     assert run_facts(run)["measures"]["hold_error"] == {"value": None, "unit": "N", "reason": "no force loop"}  # type: ignore[index]
+    assert run_facts(run)["remarks"] == ["2 of 2000 deadlines missed"]
 
 
 def test_tasks_say_what_was_held_instead_of_what_is_left_when_they_are_over():

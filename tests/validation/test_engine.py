@@ -1,6 +1,8 @@
 """The bounds of the engine's yardsticks can be exceeded, and its robot is the one that they are about."""
 
 from functools import cache
+from math import radians
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,11 +17,18 @@ from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.plant.component import rest_state
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.run.trace import Trace, run_in_memory
+from validation.engine.bodies import initial_angle
 from validation.engine.constrained import Constrained, Numbers
 from validation.engine.plant import EnginesPlant
 from validation.engine.robots import State, TwinsRobot, differences, holding, states
 from validation.masters.robot import ROOT
 from validation.yardsticks.mujoco import ALIKE, HEAVIER, HOME, SAME_RUN, apart, experiment, parameters
+from validation.yardsticks.other_robots import (
+    OTHER_ROBOTS,
+    differences_from_engine,
+    file_parameters,
+    robot_file_text,
+)
 
 AT_HOME = State(HOME, np.array([0.1, -0.2, 0.3]), np.array([0.8, 0.7, 0.6]), np.array([0.1, 0.2, 0.3]))
 
@@ -127,6 +136,59 @@ def test_the_engines_robot_says_the_same_at_some_poses():
     other = PlantParameters(*own)._replace(a=0.055, b=0.028, l_a=0.065, l_b=0.118, m_a=0.3, m_b=0.2, m_p=0.05, I_r=3e-4)
     for c in (own, other):
         assert max(differences(TwinsRobot(c), EnginesRobot(Mechanism(c), c), states(c, 5)).values()) < ALIKE
+
+
+def file_of(folder: Path, name: str) -> PlantParameters:
+    (folder / "robot.toml").write_text(robot_file_text(OTHER_ROBOTS[name]))
+    return file_parameters(folder / "robot.toml")
+
+
+@pytest.mark.parametrize("name", OTHER_ROBOTS)
+def test_a_robot_file_of_another_shape_agrees_with_the_engine_at_some_poses(tmp_path: Path, name: str):
+    pytest.importorskip("mujoco", reason="only make validation installs it")
+    found = differences_from_engine(file_of(tmp_path, name), 4)
+    assert {"forward kinematics", "Jacobian", "mass matrix", "gravity"} <= found.keys()
+    assert max(found.values()) < ALIKE
+
+
+def test_a_robot_file_gives_the_lengths_and_masses_of_the_robot(tmp_path: Path):
+    found = file_of(tmp_path, "long rods")
+    assert (found.a, found.b, found.l_a, found.l_b) == (0.08, 0.035, 0.1, 0.18)
+    assert (found.m_a, found.m_b, found.m_p) == pytest.approx((0.09, 0.025, 0.15))
+    assert found.I_r == parameters().I_r
+
+
+def test_arms_that_cannot_be_horizontal_begin_lower(tmp_path: Path):
+    assert initial_angle(file_of(tmp_path, "long rods")) == 0.0
+    assert initial_angle(file_of(tmp_path, "wide base")) == radians(50.0)
+    with pytest.raises(ValueError, match="close no loop"):
+        initial_angle(parameters()._replace(l_b=0.01))
+
+
+def test_a_link_that_is_not_uniform_is_a_uniform_one_of_the_same_weight_and_inertia(monkeypatch: pytest.MonkeyPatch):
+    """The formulas of docs/own_robot.md: m_a = 2 m c/l_a, I_r = I - m_a l_a^2/3."""
+    pytest.importorskip("mujoco", reason="only make validation installs it")
+    from validation.engine import mechanism
+    from validation.engine.robots import EnginesRobot
+
+    c = parameters()
+    m, centre, inertia, pulley = 0.08, 0.3 * c.l_a, 3e-5, 2e-5
+    m_a = 2.0 * m * centre / c.l_a
+    equal = c._replace(m_a=m_a, I_r=inertia + m * centre**2 + pulley - m_a * c.l_a**2 / 3.0)
+    uniform = f'<inertial pos="{c.l_a / 2.0!r} 0 0" mass="{c.m_a!r}"'
+    described = mechanism.described
+
+    def with_real_links(parameters: PlantParameters, rod: float) -> str:
+        head, *rest = described(parameters._replace(I_r=pulley), rod).split(uniform)
+        assert len(rest) == 3
+        sizes = f'diaginertia="{inertia!r} {inertia!r} {inertia!r}"'
+        return head + "".join(
+            f'<inertial pos="{centre!r} 0 0" mass="{m!r}" {sizes}/>{text.partition("/>")[2]}' for text in rest
+        )
+
+    monkeypatch.setattr(mechanism, "described", with_real_links)
+    found = differences(TwinsRobot(equal), EnginesRobot(mechanism.Mechanism(c), equal), states(c, 4))
+    assert max(found[key] for key in ("mass matrix", "gravity", "acceleration", "rods")) < ALIKE
 
 
 def test_no_rod_begins_to_turn_about_its_own_axis():

@@ -25,6 +25,8 @@ COMPLETE_VARIABLE = "_TWIN_COMPLETE"
 MAX_HELP_LENGTH = 1000
 """Maximum length of a command's first sentence in a list (characters)."""
 CONTEXT_SETTINGS = {"show_default": True}
+PAIR_OPTIONS = ("--lengths-mm", "--masses-g")
+"""Options that take any number of `name=value` words after them."""
 _ABOUT_TEXT = """Digital twin of a delta-like massage robot with motor drives as FMUs.
 
 Start with: twin run experiments/fig4_force_position.toml
@@ -197,15 +199,23 @@ def run_command_line(words: list[str]) -> int:
 
 
 def current_spelling(words: list[str]) -> list[str]:
-    """Translate older spellings of command-line options: --isolate without a value, --no-isolate, --realtime.
+    """Translate spellings of command-line options that click does not know.
 
-    click would otherwise take the next word as the value.
+    These are --isolate without a value, --no-isolate, --realtime, whose next word click would take as the value, and
+    `PAIR_OPTIONS` with several words, of which click would take one.
     """
     spelt, values = {"--no-isolate": "--isolate=none", "--realtime": "--realtime=1"}, typing.get_args(Isolation)
-    return [
-        "--isolate=run" if word == "--isolate" and following not in values else spelt.get(word, word)
-        for word, following in pairwise([*words, ""])
-    ]
+    found: list[str] = []
+    option = ""
+    for word, following in pairwise([*words, ""]):
+        if word.startswith("-") or "=" not in word:
+            option = word if word in PAIR_OPTIONS else ""
+        elif option:
+            found[-1:] = [] if found[-1] == option else found[-1:]
+            found.append(f"{option}={word}")
+            continue
+        found.append("--isolate=run" if word == "--isolate" and following not in values else spelt.get(word, word))
+    return found
 
 
 def _usage_message(mistake: click.UsageError) -> str:

@@ -11,7 +11,7 @@ COMMAND_FOLDERS = {"twin.studies": Path(__file__).parents[1] / "studies", "twin.
 COMMAND_PATTERN = re.compile(r'^@study\((?:"([^"]*)")?.*?^def (\w+)\(.*?"""(.*?)"""', re.DOTALL | re.MULTILINE)
 HELP_SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Run": ("run", "explore", "sweep", "branch", "cosim"),
-    "Choose": ("drive", "tune", "analyse", "component"),
+    "Choose": ("robot", "drive", "tune", "analyse", "component"),
     "Judge": ("report", "compare", "check", "faults", "accuracy", "converge", "falsify", "safety"),
     "Beside a robot": ("replay", "identify", "shadow", "serve", "log"),
     "Hand on": ("export", "build"),

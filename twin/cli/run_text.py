@@ -19,7 +19,9 @@ def run_text(run: Mapping[str, Any]) -> str:
     """
     speed = f"{run['simulated']:g} s at {run['real_time_factor']:.0f} x real time"
     values = measures.measured_values(run["outcome"]["measures"])
-    lines = [f"{run['experiment']}  {speed}{_warning(values)}", *(f"  {remark}" for remark in run["remarks"])]
+    lines = [f"{run['experiment']}  {speed}{_warning(values)}"]
+    for remark in run["remarks"]:
+        lines += wrap_text(remark, "  ")
     lines += [*_hold(values), *_outcome(run["outcome"], run["held"]), *_events(run), *_robot(run), *_drives(run)]
     for role, text in run["parts"].items():
         lines += wrap_text(text.removeprefix(f"{role}: "), f"  {role:10} ")
@@ -44,6 +46,7 @@ def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
         "robot_values": run.get("robot_values"),
         "trip": run["trip"],
         "changed": run["changed"],
+        "remarks": list(run["remarks"]),
         "punctuality": run["punctuality"],
         "measures": measures.with_units(measures.measured_values(run["outcome"]["measures"])),
         "held": [dict(one) for one in run["held"]],

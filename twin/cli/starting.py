@@ -2,6 +2,7 @@
 
 import os
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -11,24 +12,53 @@ from twin.studies.precheck import find_logs
 
 @study(json=False)
 def init(
-    file: Annotated[Path, Argument("The experiment to write.", "FILE")] = Path("experiment.toml"),
+    file: Annotated[Path | None, Argument("The experiment to write; default: experiment.toml.", "FILE")] = None,
     start: Annotated[
         str, Option("The experiment to start from.", "NAME", "--from", complete="experiment name")
     ] = "fig4_force_position",
+    robot: Annotated[
+        Path | None, Option("File of another robot: to use, or with --lengths-mm to write.", "ROBOT", "--robot")
+    ] = None,
+    lengths: Annotated[
+        Sequence[str], Option("Lengths of a new robot, Fig. 2: a=80 b=35 l_a=100 l_b=180.", "a=MM", "--lengths-mm")
+    ] = (),
+    masses: Annotated[
+        Sequence[str], Option("Masses of a new robot: m_a=40 m_b=30 m_p=100.", "m_a=G", "--masses-g")
+    ] = (),
+    settings: Annotated[
+        Sequence[str], Option("Other value of a new robot: robot.k_s_Nm_per_rad=2.", "KEY=VALUE", "--set")
+    ] = (),
 ) -> Answer:
     """Write an experiment to start from, with every key, its meaning, unit and default.
 
     It runs unchanged from any folder. The JSON Schema for editors is written
-    next to it if missing. No file is overwritten. Exit code: 0 written, 2
-    refused.
+    next to it if missing. With --robot the experiment moves to another robot,
+    whose file --lengths-mm writes first; masses and springs that are not given
+    are those of the shipped robot. No file is overwritten. Exit code: 0
+    written, 2 refused.
 
     Example: twin init my_experiment.toml --from pressing
     """
+    from twin.kernel.errors import InputRefused
     from twin.robot.assembly.declared import DECLARED_TABLES
+    from twin.robot.assembly.own_robot import start_on_robot, start_robot
     from twin.robot.experiment.template import start_experiment
 
-    written = [str(path) for path in start_experiment(DECLARED_TABLES, file, start)]
-    return Answer("\n".join([*written, f"next: {shlex.join(['twin', 'run', str(file)])}"]), written)
+    if (lengths or masses or settings) and not (robot and lengths):
+        raise InputRefused(
+            "--lengths-mm, --masses-g and --set describe a new robot; expected --robot my_robot.toml --lengths-mm a=80 "
+            "b=35 l_a=100 l_b=180"
+        )
+    new = start_robot(robot, lengths, masses, settings) if robot and lengths else []
+    if robot and new and file is None:
+        press = shlex.join(["twin", "init", "press.toml", "--robot", str(robot)])
+        following = [shlex.join(["twin", "robot", str(robot)]), press, "twin run press.toml"]
+    else:
+        file = file or Path("experiment.toml")
+        new += start_on_robot(file, start, robot) if robot else start_experiment(DECLARED_TABLES, file, start)
+        following = [shlex.join(["twin", "run", str(file)])]
+    written = [str(path) for path in new]
+    return Answer("\n".join([*written, *(f"next: {words}" for words in following)]), written)
 
 
 @study(json=False)

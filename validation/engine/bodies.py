@@ -14,10 +14,27 @@ UNIFORM, DUMBBELL = 1.0 / 12.0, 1.0 / 4.0
 """Inertia of a rod about its middle per m l^2: uniform, and with half of its mass at either end."""
 TURNING = 1e-4
 """Inertia of the platform (kg m2): without effect while it does not turn."""
+CLOSING = 0.9
+"""Maximum horizontal part of a distal rod in the initial pose, over its length."""
+
+
+def initial_angle(parameters: PlantParameters) -> float:
+    """Return the joint angle (rad) of the initial pose: 0, or lower by steps of 5 deg until the loops close easily.
+
+    Raises:
+        ValueError: the rods are too short for every angle.
+    """
+    c = parameters
+    if abs(c.a + c.l_a - c.b) < c.l_b:
+        return 0.0
+    for degrees in range(5, 95, 5):
+        if abs(c.a + c.l_a * math.cos(math.radians(degrees)) - c.b) < CLOSING * c.l_b:
+            return math.radians(degrees)
+    raise ValueError(f"rods of {1e3 * c.l_b:g} mm close no loop with the knees outward")
 
 
 def described(parameters: PlantParameters, rod: float = UNIFORM) -> str:
-    """The model in MJCF; where it begins the arms are horizontal and all loops are closed.
+    """Return the model of any robot in MJCF; it begins with its arms at `initial_angle` and all loops closed.
 
     The joints of the arms are `arm0`..`arm2`. The site `rod4` at the end of the fifth rod, the first one of the third
     leg, belongs where the site `joint4` of the platform is.
@@ -26,9 +43,11 @@ def described(parameters: PlantParameters, rod: float = UNIFORM) -> str:
         parameters: of the robot; what it presses on is left out.
         rod: inertia of a distal rod about its middle, per m l^2.
     """
-    c = parameters
-    reach = c.a + c.l_a - c.b
-    tilt, height = math.asin(reach / c.l_b), math.sqrt(c.l_b**2 - reach**2)
+    c, arms = parameters, initial_angle(parameters)
+    reach = c.a + c.l_a * math.cos(arms) - c.b
+    height = c.l_a * math.sin(arms) + math.sqrt(c.l_b**2 - reach**2)
+    # inclination of the rods in the arm's frame, which is turned by `arms` itself
+    tilt = math.asin(reach / c.l_b) - arms
     mass, across, along = c.m_b / 2.0, rod * c.m_b / 2.0 * c.l_b**2, c.m_b / 2.0 * RADIUS**2
     arm = c.m_a / 12.0 * c.l_a**2
     legs = joints = ""
@@ -46,12 +65,12 @@ def described(parameters: PlantParameters, rod: float = UNIFORM) -> str:
             joints += f"""
       <site name="joint{number}" pos="{x!r} {y!r} 0"/>"""
         legs += f"""
-    <body pos="{c.a * LEG_COS[leg]!r} {c.a * LEG_SIN[leg]!r} 0" euler="0 0 {turn!r}">
-      <joint name="arm{leg}" type="hinge" axis="0 1 0" armature="{c.I_r!r}" damping="{c.b_j!r}"/>
+    <body pos="{c.a * LEG_COS[leg]!r} {c.a * LEG_SIN[leg]!r} 0" euler="{turn!r} {arms!r} 0">
+      <joint name="arm{leg}" type="hinge" axis="0 1 0" ref="{arms!r}" armature="{c.I_r!r}" damping="{c.b_j!r}"/>
       <inertial pos="{c.l_a / 2.0!r} 0 0" mass="{c.m_a!r}" diaginertia="{1e-3 * arm!r} {arm!r} {arm!r}"/>{rods}
     </body>"""
     return f"""<mujoco>
-  <compiler angle="radian"/>
+  <compiler angle="radian" eulerseq="zyx"/>
   <option gravity="0 0 {-G_ACCELERATION!r}"/>
   <worldbody>{legs}
     <body pos="0 0 {-height!r}">

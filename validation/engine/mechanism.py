@@ -26,7 +26,7 @@ class Unclosed(RuntimeError):
 
 
 class Mechanism:
-    """The robot at one pose at a time; to begin with its arms are horizontal.
+    """The robot at one pose at a time; to begin with its arms are at `initial_angle`, horizontal if possible.
 
     Args:
         parameters: of the robot; its springs, and what it presses on, are left out.
@@ -70,7 +70,7 @@ class Mechanism:
         return self._data.qpos[self._angles]
 
     def restart(self) -> None:
-        """Go back to where the arms are horizontal."""
+        """Go back to the initial pose."""
         self._data.qpos[:] = self._first
         self._look()
         self._ahead()

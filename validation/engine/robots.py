@@ -13,6 +13,7 @@ from twin.robot.mechanism.workspace import is_reachable
 from twin.robot.plant.component import NO_MOTION
 from twin.robot.plant.contact import apex_frame
 from twin.robot.plant.dynamics import PlantParameters, acceleration, joint_torque, spring_deflection
+from validation.engine.bodies import initial_angle
 from validation.engine.constrained import Numbers
 from validation.engine.mechanism import Mechanism
 
@@ -140,7 +141,7 @@ def _of_pairs(reactions: Numbers) -> Numbers:
 
 
 def states(parameters: PlantParameters, number: int, seed: int = 16) -> list[State]:
-    """Drawn from the workspace as far as a straight way leads from where the arms are horizontal.
+    """Drawn from the workspace as far as a straight way leads from the engine's initial pose.
 
     Left out is the neighbourhood of singularities, where every error grows. The platform moves at about 1 m/s, motors
     are off by up to 0.3 rad from where springs are slack, springs hold with about 0.2 N m.
@@ -148,7 +149,7 @@ def states(parameters: PlantParameters, number: int, seed: int = 16) -> list[Sta
     geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
     random, found = np.random.default_rng(seed), list[State]()
     reach = parameters.l_a + parameters.l_b
-    first = position(geometry, np.zeros(3))
+    first = position(geometry, np.full(3, initial_angle(parameters)))
     while len(found) < number:
         p_B = random.uniform(-reach, reach, 3)
         way = first + np.linspace(0.0, 1.0, WAY)[:, None] * (p_B - first)

@@ -147,6 +147,44 @@ def test_a_body_of_the_command_line_keeps_the_height_alone():
     assert "Yap" in source.origins["contact.friction"]
 
 
+def test_a_body_of_a_file_keeps_the_height_of_the_files_it_extends(tmp_path: Path):
+    (tmp_path / "robot.toml").write_text("[contact]\nheight_mm = -141\nfriction = 0.1\n")
+    (tmp_path / "press.toml").write_text("extends = 'robot.toml'\n[contact]\nbody = 'back'\n")
+    source = read_source(tmp_path / "press.toml")
+    assert source.values["contact"] == {"height_mm": -141, "body": "back"}
+    fill_from_body(source, EXPERIMENTS)
+    assert (source.values["contact"]["height_mm"], source.values["contact"]["friction"]) == (-141, 0.19)
+    assert source.origins["contact.height_mm"] == "set in robot.toml"
+
+
+def remark(values: dict[str, object], option: str | None = None, settings: tuple[str, ...] = ()) -> list[str]:
+    source = Source()
+    source.merge({"contact": values}, "set in mine.toml")
+    if option:
+        source.select_file("contact", "body", option)
+    apply_overrides(source, settings)
+    fill_from_body(source, EXPERIMENTS)
+    return source.remarks
+
+
+def test_a_body_without_a_height_reports_the_height_of_its_file():
+    text = "surface at z = -101.0 mm, height_mm of back.toml (assumed: as high as the paper's scale (Sec. III.A.1))"
+    assert remark({"body": "back"}) == remark({}, "back") == remark({"body": "calf"}, "back") == [text]
+
+
+def test_a_body_chosen_apart_from_the_height_reports_the_height_of_the_experiment():
+    kept = {"height_mm": {"value": -141.0, "source": "measured"}, "friction": 0.1}
+    assert remark(kept, "back") == ["surface at z = -141.0 mm, height_mm of the experiment (measured)"]
+    assert remark({"height_mm": -141.0}, "back") == [
+        "surface at z = -141.0 mm, height_mm of the experiment (set in mine.toml)"
+    ]
+
+
+def test_a_height_set_together_with_the_body_is_not_reported():
+    assert remark({"body": "back", "height_mm": -99.0}) == []
+    assert remark({"body": "back"}, "calf", ("contact.height_mm=-99",)) == []
+
+
 def test_without_a_body_nothing_is_filled_in():
     source = read_source(EXPERIMENTS / "fig4_force_position.toml")
     before = dict(source.values["contact"])

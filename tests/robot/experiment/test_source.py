@@ -14,7 +14,7 @@ from twin.robot.paths import locate_file
 @pytest.mark.parametrize(
     ("file", "told"),
     [
-        ("experiments/robots/massage_robot.toml", "a robot, not an experiment; one extends it"),
+        ("experiments/robots/massage_robot.toml", "a robot, not an experiment; twin init experiment.toml --robot"),
         ("experiments/bodies/back.toml", "a body, not an experiment; press on it with: twin run pressing --body"),
         ("experiments/sweeps/drives.toml", "a sweep, not an experiment; run it with: twin sweep"),
         ("fmus/modelica_dc/mapping.toml", "the mapping of a drive, not an experiment; use it with: twin run"),

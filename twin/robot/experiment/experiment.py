@@ -85,6 +85,7 @@ class Experiment:
         origins: origin of each value.
         stand_ins: third-party parts by table name; only their retained keys stay in [controller], [monitor] and
             [scale].
+        remarks: remarks on values that a run reports, as in `Source`.
         typed: arguments of `twin run` that load it; empty if it was not loaded from a file.
     """
 
@@ -113,6 +114,7 @@ class Experiment:
     values: dict[str, Any]
     origins: dict[str, str]
     stand_ins: dict[str, StandIn] = field(default_factory=dict)
+    remarks: tuple[str, ...] = field(default=(), compare=False)
     typed: tuple[str, ...] = field(default=(), compare=False)
 
     @property
@@ -201,6 +203,7 @@ def experiment_of(name: str, tables: Tables, reference: WayPoints | None, source
         values=source.values,
         origins=source.origins,
         stand_ins=tables.stand_ins,
+        remarks=tuple(source.remarks),
     )
 
 

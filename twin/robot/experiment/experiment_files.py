@@ -75,7 +75,8 @@ def _experiment_file(path: Path, shelf: str) -> Path | None:
 def fill_from_body(source: Source, folder: Path) -> None:
     """Complete the [contact] table of an experiment in place from the body file that it names.
 
-    Its own values stay. Without the key `body` nothing is done.
+    Its own values stay. A remark states the height of the surface unless file or option set it together with the body.
+    Without the key `body` nothing is done.
 
     Args:
         folder: folder of the experiment, for looking up bodies like `extends` and fmus/.
@@ -89,7 +90,12 @@ def fill_from_body(source: Source, folder: Path) -> None:
     if body.values.keys() != {"contact"} or not isinstance(filling, dict) or "body" in filling:
         raise InputRefused(f"{path}: expected one table [contact], without 'body'")
     source.values["contact"] = merge_tables(filling, contact)
+    own = source.origins.get("contact.height_mm")
     source.origins = {**body.origins, **source.origins}
+    if "height_mm" in source.values["contact"] and (own is None or own != source.origins.get("contact.body")):
+        owner, origin = ("the experiment", own) if own else (path.name, source.origins["contact.height_mm"])
+        height = source.values["contact"]["height_mm"]
+        source.remarks.append(f"surface at z = {height} mm, height_mm of {owner} ({origin})")
 
 
 def _body_file(name: Any, folder: Path) -> Path:

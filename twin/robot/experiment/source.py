@@ -32,6 +32,8 @@ RETAINED_KEYS = {
     "scale": ("period_ms",),
 }  # fmt: skip
 """Roles of the robot that may be third-party, and the keys of their tables that still act then."""
+ROBOT_TABLES = {"robot", "controller", "plant", "contact", "approach", "monitor"}
+"""Tables that a robot's file may have; the last three only with values that follow from its lengths."""
 FILE_KEYS = ("fmu", "python")
 """Keys with a file as value; for a class with its name after a colon."""
 MAX_CHAIN_LENGTH = 32
@@ -50,8 +52,8 @@ def refuse_other_files(values: Mapping[str, Any], path: Path) -> None:
     """
     tables, name = values.keys(), shlex.quote(str(path))
     reason = ""
-    if tables <= {"robot", "controller", "plant"} and "robot" in tables:
-        reason = f"a robot, not an experiment; one extends it: extends = {str(path)!r}; twin init writes a whole one"
+    if is_robot(values):
+        reason = f"a robot, not an experiment; twin init experiment.toml --robot {name} writes an experiment on it"
     elif tables == {"contact"}:
         reason = f"a body, not an experiment; press on it with: twin run pressing --body {name}"
     elif {"experiment", "vary"} & tables and "title" not in tables:
@@ -60,6 +62,11 @@ def refuse_other_files(values: Mapping[str, Any], path: Path) -> None:
         reason = f"the mapping of a drive, not an experiment; use it with: twin run fig4_force_position --drive {name}"
     if reason:
         raise InputRefused(f"{path}: {reason}")
+
+
+def is_robot(values: Mapping[str, Any]) -> bool:
+    """Whether merged values of files describe a robot, and not an experiment."""
+    return "robot" in values and values.keys() <= ROBOT_TABLES
 
 
 def names_drive(table: Mapping[str, Any]) -> bool:
@@ -85,18 +92,17 @@ class Replacement(NamedTuple):
         names: whether a table's keys trigger the rule.
         retained: keys of the replaced table that stay; None if neither keys nor the table's position stay.
         by_key: whether a single key on the command line triggers the rule, too.
-        by_option: like `retained`, if the table is named by an option of its own, `--drive` or `--body`.
     """
 
     names: Callable[[Mapping[str, Any]], bool]
     retained: tuple[str, ...] | None
     by_key: bool = False
-    by_option: tuple[str, ...] | None = None
 
 
 REPLACEMENT_RULES: dict[str, tuple[Replacement, ...]] = {
     "drive": (Replacement(names_drive, None),),
-    "contact": (Replacement(_has_any_key("body"), None, by_option=("height_mm",)),),
+    # the height belongs to the robot that works there, not to the body
+    "contact": (Replacement(_has_any_key("body"), ("height_mm",)),),
     # for waypoints, one file may give the times and another the positions
     "reference": (
         Replacement(_has_any_key(*REFERENCE_SHAPES), ()),
@@ -119,10 +125,12 @@ class Source:
     Attributes:
         values: nested tables; arrays as tuples.
         origins: origin of each value by dotted key: its own `source`, or the file or option that set it.
+        remarks: remarks on values that a run reports, such as the height of the surface.
     """
 
     values: dict[str, Any] = field(default_factory=dict)
     origins: dict[str, str] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
 
     def overlay(self, tables: dict[str, Any], origin: str, by_key: bool = False) -> None:
         """Merge tables over the present values of the experiment.
@@ -142,7 +150,7 @@ class Source:
     def select_file(self, table: str, key: str, value: str) -> None:
         """Replace a table of the experiment by a file given on the command line with `--drive` or `--body`."""
         (rule,) = rules_for(table, {key: value})
-        self.remove(table, rule.by_option)
+        self.remove(table, rule.retained)
         self.values[table] = {key: value, **self.values.get(table, {})}
         self.origins[f"{table}.{key}"] = COMMAND_LINE
 

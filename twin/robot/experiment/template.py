@@ -23,13 +23,15 @@ from twin.robot.experiment.fault import FAULT_KINDS, fault_table_model
 from twin.robot.experiment.json_schema import SCHEMA_FILE, schema_text
 from twin.robot.experiment.measure import MEASURE_KINDS as MEASURES
 from twin.robot.experiment.mistakes import nested_model
+from twin.robot.experiment.robot_file import fit_to_robot
 from twin.robot.experiment.schema import ChangeTable, DeclaredTables
-from twin.robot.experiment.source import RETAINED_KEYS, Source, read_source, toml_value, value_at
+from twin.robot.experiment.source import RETAINED_KEYS, Source, is_robot, read_source, toml_value, value_at
 from twin.robot.experiment.stand_in import StandIn
 from twin.robot.paths import locate_file
 
 ROBOT_FILE = "robots/massage_robot.toml"
-EXAMPLE_FILES = ("fig4_force_position.toml", "massage.toml")
+FIG4_EXPERIMENT, TASK_EXPERIMENT = "fig4_force_position", "massage"
+EXAMPLE_FILES = (f"{FIG4_EXPERIMENT}.toml", f"{TASK_EXPERIMENT}.toml")
 """Source files of example values for unused tables and keys."""
 EXAMPLE_FAULT = "surface_jump"
 """Kind of the example fault."""
@@ -55,7 +57,42 @@ PLANT_COMMENT = "The true robot where it differs from [robot]: any key of it. Th
 Table = Mapping[str, Any]
 
 
-def commented_experiment(declared: DeclaredTables, name: str, base: Path) -> str:
+def commented_robot(declared: DeclaredTables, name: str, own: Source, remarks: Collection[str]) -> str:
+    """Return a commented file of a robot: its own values, and every other key of its tables, commented out.
+
+    Args:
+        declared: tables that an experiment may have.
+        name: name of the new file.
+        own: active values and their sources.
+        remarks: consequences of the values, at the end of the file.
+    """
+    shipped = read_source(locate_file(f"experiments/{ROBOT_FILE}", Path.cwd()))
+    own = Source(own.values, {**shipped.origins, **own.origins})
+    page = _TemplateWriter(own, shipped.values, {})
+    lines = [
+        f"#:schema {SCHEMA_FILE}",
+        f"# Look at it: {shlex.join(['twin', 'robot', name])}",
+        f"# Press with it: {shlex.join(['twin', 'init', 'press.toml', '--robot', name])}, then twin run press.toml",
+        "#",
+        "# A key's unit is in its name. A value whose source begins with 'computed' follows from the lengths. Lines",
+        f"# with # are not set: those of [robot] are inherited from {ROBOT_FILE}, others show the",
+        "# default, or an example where there is none. Remove the # and set the robot's own value, with its source.",
+        "",
+        "# file with values for all keys that this one does not set",
+        f'extends = "{ROBOT_FILE}"',
+    ]
+    for table, values in own.values.items():
+        model = declared.tables[table]
+        # all but the height of a surface is the body's
+        left_out = _plain_keys(model).keys() - values.keys() if table == "contact" else ()
+        head = "place of the surface; the body has the rest" if table == "contact" else _summary(model)
+        lines += ["", f"# {head}", f"[{table}]", *page.keys(table, model, values, page.origins(table), left_out)]
+    return "\n".join([*lines, "", *(f"# {remark}" for remark in remarks)]) + "\n"
+
+
+def commented_experiment(
+    declared: DeclaredTables, name: str, base: Path, robot: Path | None = None, extends: str = ROBOT_FILE
+) -> str:
     """Return a commented template of an experiment: an existing one plus every other key, commented out.
 
     Values of `base` in tables other than [robot] are active; of [plant], only values that the robot's file lacks. All
@@ -65,12 +102,19 @@ def commented_experiment(declared: DeclaredTables, name: str, base: Path) -> str
         declared: tables that an experiment may have.
         name: name of the new file.
         base: one of the repository's experiments.
+        robot: file of another robot; None for the shipped one.
+        extends: path of the robot's file, as seen from the new one.
 
     Raises:
-        InputRefused: a file of the repository is missing.
+        InputRefused: a file of the repository is missing, or `robot` is not a robot's file.
     """
     own, filled, others = read_source(base), read_source(base), Source()
     fill_from_body(filled, base.parent)
+    inherited = read_source(robot or locate_file(f"experiments/{ROBOT_FILE}", base.parent)).values
+    if robot is not None:
+        if not is_robot(inherited):
+            raise InputRefused(f"{robot}: not a robot file; expected one that twin init --robot has written")
+        fit_to_robot(own, filled, read_source(robot))
     for other in EXAMPLE_FILES:
         others.merge(read_source(locate_file(other, base.parent)).values, "")
     page = _TemplateWriter(own, filled.values, others.values)
@@ -83,7 +127,7 @@ def commented_experiment(declared: DeclaredTables, name: str, base: Path) -> str
         '# none. Any value may be { value = 5.0, source = "where it comes from" }.',
         "",
         "# file with values for all keys that this one does not set",
-        f'extends = "{ROBOT_FILE}"',
+        f"extends = {toml_value(extends)}",
         *page.keys("", TopLevelKeys, own.values, page.origins("")),
     ]
     for table, model in models.items():
@@ -99,8 +143,8 @@ def commented_experiment(declared: DeclaredTables, name: str, base: Path) -> str
     lines += ["", "# The robot as the file that this one extends has it.", "#[robot]"]
     whole = _plain_keys(declared.tables["robot"])
     lines += page.keys("robot", declared.tables["robot"], {}, {})
-    robot = value_at(read_source(locate_file(f"experiments/{ROBOT_FILE}", base.parent)).values, "plant") or {}
-    true = {key: value for key, value in (value_at(own.values, "plant") or {}).items() if robot.get(key) != value}
+    plant = inherited.get("plant", {})
+    true = {key: value for key, value in (value_at(own.values, "plant") or {}).items() if plant.get(key) != value}
     origins = page.origins("plant")
     lines += [
         "",
@@ -230,23 +274,43 @@ def _line(key: str, value: Any, mark: str, source: str | None = None) -> str:
     return f"{mark}{key} = {written}"
 
 
-def start_experiment(declared: DeclaredTables, file: Path, start: str) -> list[Path]:
-    """Write a new experiment file that is equivalent to a shipped experiment.
+def shipped_experiment(start: str) -> Path:
+    """Return the file of a shipped experiment.
+
+    Raises:
+        InputRefused: `start` is unknown.
+    """
+    known = known_experiments()
+    if start not in known:
+        raise InputRefused(f"--from {start}: no such experiment; {nearest(start, known)}")
+    return known[start]
+
+
+def start_experiment(declared: DeclaredTables, file: Path, start: str, robot: Path | None = None) -> list[Path]:
+    """Write a new experiment file that is equivalent to a shipped experiment, or to that on another robot.
 
     Returns:
         The written files: `file`, and the JSON Schema beside it if missing.
 
     Raises:
-        InputRefused: `file` exists, or `start` is unknown.
+        InputRefused: `file` exists, `start` is unknown, or `robot` is not a robot's file.
         NotWritten: the file cannot be written.
     """
-    known = known_experiments()
-    if start not in known:
-        raise InputRefused(f"--from {start}: no such experiment; {nearest(start, known_experiments())}")
+    base = shipped_experiment(start)
+    extends = ROBOT_FILE if robot is None else os.path.relpath(robot, file.parent)
+    return write_new(declared, file, commented_experiment(declared, file.name, base, robot, extends))
+
+
+def write_new(declared: DeclaredTables, file: Path, text: str) -> list[Path]:
+    """Write a new TOML file, and the JSON Schema beside it if missing; return the written files.
+
+    Raises:
+        InputRefused: `file` exists, or is not named *.toml.
+        NotWritten: a file cannot be written.
+    """
     if file.suffix != ".toml":
         raise InputRefused(f"{file}: expected a name that ends with .toml")
     schema = file.parent / SCHEMA_FILE
-    text = commented_experiment(declared, file.name, known[start])
     make_folder(file.parent)
     if os.path.lexists(file):
         raise InputRefused(f"{file}: exists, and is never overwritten; choose another name")

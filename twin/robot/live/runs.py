@@ -97,6 +97,7 @@ def recorded_runs(
         facts["robot_values"] = robot_values(experiment.values, experiment.origins)
         facts["remarks"] = [
             *remarks,
+            *experiment.remarks,
             *([run.punctuality.sentence] if run.punctuality else []),
             *(["changed while it ran: the experiment's file alone does not repeat it"] if run.changed else []),
         ]

@@ -86,6 +86,19 @@ def directed_load_torque(k_s, N, eta, d, thetadot_l, rate):
     return N * tau_r * eta**s
 
 
+def platform_stiffness(J: NDArray[np.float64], joint_stiffness: float) -> NDArray[np.float64]:
+    """Stiffness (N/m) that the springs give the platform along x, y and z, motors and the other axes held, (3,).
+
+    The diagonal of J^T k J, as F = J^T tau_l (Eq. 21-27), tau_l = k dtheta_l with k = k_s N^2 eta (Eq. 18-20), and
+    dtheta_l = J dp_B.
+
+    Args:
+        J: Jacobian d theta_l / d p_B in rad/m, (3, 3).
+        joint_stiffness: k in N m/rad.
+    """
+    return np.array([joint_stiffness * (column @ column) for column in J.T])
+
+
 class Masses(NamedTuple):
     """Masses (kg) and inertia (kg m^2) of the moving parts, m_a and m_b as in Fig. 2.
 

@@ -5,6 +5,7 @@ rod from the plane across that axis, asin(w/l_b) with w the sideways part of A_i
 between the joints; the rods of a pair are half their spacing to either side of A_iP_i.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,10 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from twin.kernel.compiled.function import carray, njit
 from twin.kernel.compiled.native import entry
 from twin.robot.mechanism.geometry import AXIS, Geometry, skeleton, triples
-from twin.robot.mechanism.kinematics import circumcentre, joint_angles, leg_angle
+from twin.robot.mechanism.kinematics import circumcentre, joint_angles, leg_angle, position
+from twin.robot.mechanism.unreachable import Unreachable
 
 BARS_PER_LEG = 3
 """Bars of a leg: its link and the two rods of its pair."""
+HOME_ANGLE = math.radians(20.0)
+"""Angle (rad) of all proximal links in the home pose, below the horizontal: that of the paper's robot as it presses."""
 
 
 @njit(cache=True)
@@ -57,6 +61,26 @@ def is_reachable(geometry: Geometry, p_B: ArrayLike) -> NDArray[np.bool_]:
     reachable = np.empty(p_B.shape[:-1], dtype=np.bool_)
     _reachable(np.array(geometry, dtype=float), np.ascontiguousarray(p_B), reachable.size, reachable)
     return reachable
+
+
+def home_height(geometry: Geometry) -> float:
+    """Return the z (m) of the home pose: the platform on the axis, all proximal links at `HOME_ANGLE` (Eq. 13-17).
+
+    Raises:
+        Unreachable: the distal links do not meet there, or only beyond the parallel singularity.
+    """
+    pose, excess = (HOME_ANGLE,) * 3, 0.0
+    try:
+        p_B = position(geometry, pose)
+        if is_reachable(geometry, p_B):
+            return float(p_B[2])
+    except Unreachable as problem:
+        excess = problem.excess
+    needed = f"l_b > {1e3 * (geometry.l_b + excess):.1f} mm" if excess else "b below a + l_a"
+    raise Unreachable(
+        f"no home pose: the legs do not meet with the proximal links {math.degrees(HOME_ANGLE):g} deg below the "
+        f"horizontal; expected {needed}, or change the other lengths", 0, pose, excess
+    )  # fmt: skip
 
 
 class Bars(NamedTuple):

@@ -15,6 +15,7 @@ from twin.robot.controller.program import PhaseKind
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import Geometry, geometry_of
 from twin.robot.mechanism.kinematics import jacobian
+from twin.robot.mechanism.statics import platform_stiffness
 from twin.robot.plant.hold_sums import HOLD_SIGNALS, SUMS_RECORD, TASK_SUMS, add_up
 
 UNDER_FORCE = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
@@ -202,14 +203,13 @@ class HoldSums:
     def felt_stiffness(self) -> float | None:
         """Stiffness (N/m) along z that the springs give the platform at its mean position during holds.
 
-        It is z of J^T k_s N^2 eta J, as tau_l = k_s N eta (theta_m - N theta_l) (Eq. 18 to 20), dtheta_l = J dp_B,
-        F = J^T tau_l. None if nothing was held or the robot is unknown.
+        See `platform_stiffness`. None if nothing was held or the robot is unknown.
         """
         m = self._memory[0]
         if not (m["count"] and self.request.geometry and np.isfinite(m["p_B"]).all()):
             return None
-        J_z = jacobian(self.request.geometry, m["p_B"] / m["count"])[:, 2]
-        return float(self.request.stiffness * (J_z @ J_z))
+        J = jacobian(self.request.geometry, m["p_B"] / m["count"])
+        return float(platform_stiffness(J, self.request.stiffness)[2])
 
     @property
     def chatter(self) -> tuple[float, float]:

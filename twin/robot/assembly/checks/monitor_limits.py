@@ -2,6 +2,7 @@
 
 import math
 
+from twin.kernel.errors import InputRefused
 from twin.robot.mechanism.unreachable import Unreachable
 from twin.robot.monitor.component import MonitorBelief, Resolution, geometry_of_belief, press_deflection, resolution
 from twin.robot.monitor.component import low_pass_share as monitor_share
@@ -10,6 +11,10 @@ from twin.robot.monitor.safe_action import retreat
 
 MIN_RESOLUTION_RATIO = 3.0
 """Minimum ratio of a limit to the encoders' resolution, so that rounding alone stays well below it."""
+DEFLECTION_MARGIN, MAX_DEFLECTION = 1.25, 45.0
+"""Ratio of a raised deflection limit to the deflection at rest by weight or force; its maximum (deg)."""
+SAFETY_LIMITS = ("force_limit", "penetration_limit", "speed_limit")
+"""Limits that protect the person, so a robot's resolution never raises them."""
 
 
 def contradictions(monitor: Monitor, belief: MonitorBelief, sample_period: float, speed_limit: float) -> list[str]:
@@ -34,6 +39,33 @@ def contradictions(monitor: Monitor, belief: MonitorBelief, sample_period: float
         *_robot_contradictions(monitor, belief, sample_period),
         *_retraction_contradictions(monitor, belief),
     ]
+
+
+def raised_limits(monitor: Monitor, belief: MonitorBelief) -> dict[str, float]:
+    """Return by key the limits of [monitor] that a robot's encoders and springs need higher, to two digits.
+
+    Raises:
+        Unreachable: the middle of the monitor's workspace is out of reach.
+        InputRefused: weight or force bend the springs too far.
+    """
+    p_B = (0.0, 0.0, 0.5 * (monitor.z_min + monitor.z_max))
+    share = monitor_share(monitor.filter, monitor.period)
+    needed = {
+        f"{key}_{unit}": MIN_RESOLUTION_RATIO * scale * resolved
+        for key, unit, scale, resolved in _resolution_limits(resolution(belief, p_B, monitor.period), share)
+        if key not in SAFETY_LIMITS and getattr(monitor, key) < MIN_RESOLUTION_RATIO * resolved
+    }
+    # without contact the springs carry the weight
+    bent = max(math.degrees(press_deflection(belief, p_B, force)) for force in (0.0, monitor.force_limit))
+    if bent > MAX_DEFLECTION:
+        raise InputRefused(
+            f"springs too soft: weight or {monitor.force_limit:g} N bend them by {bent:.3g} deg, expected at "
+            f"most {MAX_DEFLECTION:g}; add --set robot.k_s_Nm_per_rad={belief.k_s * 2.0 * bent / MAX_DEFLECTION:.2g}"
+        )
+    if math.degrees(monitor.deflection_limit) < DEFLECTION_MARGIN * bent:
+        needed["deflection_limit_deg"] = DEFLECTION_MARGIN * bent
+    # rounded up: 5 % more is more than half a step of the second digit
+    return {key: float(f"{1.05 * value:.2g}") for key, value in needed.items()}
 
 
 def _time_contradictions(monitor: Monitor, sample_period: float, speed_limit: float) -> list[str]:

@@ -1,6 +1,6 @@
 """Reach of poses and references: workspace, hard stops of joints, ball joints, and collisions of links."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -11,62 +11,74 @@ from twin.robot.experiment.schema import WayPoints
 from twin.robot.mechanism.geometry import Geometry, geometry_of
 from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.mechanism.unreachable import Unreachable
-from twin.robot.mechanism.workspace import BARS_PER_LEG, Bars, ball_joint_angles, clearances
-from twin.robot.plant.dynamics import TrueRobot
+from twin.robot.mechanism.workspace import BARS_PER_LEG, Bars, ball_joint_angles, clearances, is_reachable
+from twin.robot.plant.dynamics import Robot
 
 WAY_POINT_SPACING = 1e-3
 """Spacing (m) of the points checked on straight lines."""
 
 
-def find_obstruction(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, str] | None:
+def find_obstruction(plant: Robot, p_B: NDArray[np.float64]) -> tuple[int, str] | None:
     """Return (index, reason) of the first platform pose that is obstructed; None if all poses are free.
 
     The poses `p_B`, (n, 3) in m, must be within kinematic reach. Limits that the robot's file does not declare are not
     checked.
     """
-    geometry, places = geometry_of(plant), np.asarray(p_B)
-    if (met := _find_stop_obstruction(plant, geometry, places)) is not None:
-        return met
-    if plant.ball_joint_limit is not None:
+    for violated, reason in _violations(plant, np.asarray(p_B)):
+        if violated.any():
+            pose, column = divmod(int(np.argmax(violated)), violated.shape[1])
+            return pose, reason(pose, column)
+    return None
+
+
+def free_poses(plant: Robot, p_B: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether each platform pose, (n, 3) in m, is within reach and not obstructed."""
+    free = is_reachable(geometry_of(plant), p_B)
+    clear = np.ones(np.count_nonzero(free), dtype=np.bool_)
+    for violated, _ in _violations(plant, p_B[free]):
+        clear &= ~violated.any(axis=1)
+    free[free] = clear
+    return free
+
+
+def _violations(
+    plant: Robot, places: NDArray[np.float64]
+) -> Iterator[tuple[NDArray[np.bool_], Callable[[int, int], str]]]:
+    """Yield for each declared limit its violations, (n, columns), and the reason for a pose and column."""
+    geometry = geometry_of(plant)
+    for stop, key, way in ((plant.joint_lower, "joint_lower_deg", -1.0), (plant.joint_upper, "joint_upper_deg", 1.0)):
+        if stop is not None:
+            theta_l = joint_angles(geometry, places)
+            yield (
+                way * (theta_l - stop) > 0.0,
+                lambda pose, leg, theta_l=theta_l, key=key, stop=stop: (  # type: ignore[misc]
+                    f"at {_format_position(places[pose])} joint {leg + 1} is at "
+                    f"{np.degrees(theta_l[pose, leg]):.1f} deg, beyond its hard stop "
+                    f"[plant] {key} = {np.degrees(stop):g}; move the point"
+                ),
+            )
+    if (limit := plant.ball_joint_limit) is not None:
         angles = ball_joint_angles(geometry, places)
-        if angles.max() > plant.ball_joint_limit:
-            pose, leg = divmod(int(np.argmax(angles > plant.ball_joint_limit)), 3)
-            return pose, (
+        yield (
+            angles > limit,
+            lambda pose, leg: (
                 f"at {_format_position(places[pose])} the ball joints of leg {leg + 1} bend by "
                 f"{np.degrees(angles[pose, leg]):.1f} deg, their sockets let them by [plant] "
-                f"ball_joint_limit_deg = {np.degrees(plant.ball_joint_limit):g}; move the point towards the axis"
-            )
+                f"ball_joint_limit_deg = {np.degrees(limit):g}; move the point towards the axis"
+            ),
+        )
     sizes = plant.link_diameter, plant.rod_diameter, plant.rod_spacing
     if None not in sizes:
         gaps, pairs = clearances(geometry, Bars(*sizes), places)  # type: ignore[arg-type]
-        if gaps.min() < 0.0:
-            pose = int(np.argmax(gaps < 0.0))
-            one, other = (
-                f"{'a rod' if bar % BARS_PER_LEG else 'the link'} of leg {bar // BARS_PER_LEG + 1}"
-                for bar in pairs[pose]
-            )
-            inside = -1e3 * gaps[pose]
-            return pose, (
-                f"at {_format_position(places[pose])} {one} and {other} are {inside:.1f} mm inside each other "
-                "with [plant] link_diameter_mm, rod_diameter_mm and rod_spacing_mm; expected them apart, move the point"
-            )
-    return None
+        yield gaps[:, None] < 0.0, lambda pose, _: _collision(places[pose], gaps[pose], pairs[pose])
 
 
-def _find_stop_obstruction(plant: TrueRobot, geometry: Geometry, places: NDArray[np.float64]) -> tuple[int, str] | None:
-    """Return (index, reason) of the first pose beyond a joint's hard stop; None if all are within."""
-    if plant.joint_lower is None and plant.joint_upper is None:
-        return None
-    theta_l = joint_angles(geometry, places)
-    for stop, key, way in ((plant.joint_lower, "joint_lower_deg", -1.0), (plant.joint_upper, "joint_upper_deg", 1.0)):
-        if stop is not None and (beyond := way * (theta_l - stop)).max() > 0.0:
-            pose, leg = divmod(int(np.argmax(beyond > 0.0)), 3)
-            angle = np.degrees(theta_l[pose, leg])
-            return pose, (
-                f"at {_format_position(places[pose])} joint {leg + 1} is at {angle:.1f} deg, beyond "
-                f"its hard stop [plant] {key} = {np.degrees(stop):g}; move the point"
-            )
-    return None
+def _collision(p_B: NDArray[np.float64], gap: float, bars: NDArray[np.int64]) -> str:
+    one, other = (f"{'a rod' if bar % BARS_PER_LEG else 'the link'} of leg {bar // BARS_PER_LEG + 1}" for bar in bars)
+    return (
+        f"at {_format_position(p_B)} {one} and {other} are {-1e3 * gap:.1f} mm inside each other "
+        "with [plant] link_diameter_mm, rod_diameter_mm and rod_spacing_mm; expected them apart, move the point"
+    )
 
 
 def _format_position(p_B: NDArray[np.float64]) -> str:
@@ -83,7 +95,7 @@ def reach_error(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:
     return None
 
 
-def reference_errors(reference: WayPoints, geometries: Iterable[Geometry], plant: TrueRobot | None = None) -> list[str]:
+def reference_errors(reference: WayPoints, geometries: Iterable[Geometry], plant: Robot | None = None) -> list[str]:
     """Return an error message for the first pose of a reference that is out of reach or obstructed.
 
     Checked are the waypoints and the lines between them.
@@ -93,7 +105,7 @@ def reference_errors(reference: WayPoints, geometries: Iterable[Geometry], plant
 
 # the runs of a sweep, and the studies of an experiment, mostly share one reference
 @lru_cache(64)
-def _pose_errors(reference: WayPoints, geometries: tuple[Geometry, ...], plant: TrueRobot | None) -> list[str]:
+def _pose_errors(reference: WayPoints, geometries: tuple[Geometry, ...], plant: Robot | None) -> list[str]:
     if len(reference.t) != len(reference.p):
         return [f"[reference] {len(reference.t)} times and {len(reference.p)} points: expected as many of each"]
     for geometry in geometries:
