@@ -41,7 +41,7 @@ def shown(*arguments: str) -> str:
 def test_the_answer_comes_first_and_the_files_last(folder: Path):
     lines = shown(str(folder), "--html").splitlines()
     assert lines[0] == "made_up  12 runs: smallest hold_error_N 1 (run 4: k = 0, c = 1), equal to 1"
-    assert lines[1] == "  other within 0.05 N; k at the edge of what was tried; 1 failed"
+    assert lines[1] == "  other within 0.05 N; k at the edge of the range tried; 1 failed"
     assert lines[-1].split() == ["page", str(folder / "sweep.html")]
     assert {path.name for path in folder.iterdir()} >= {"map.png", "metrics.png", "sweep.html"}
 

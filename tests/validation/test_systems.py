@@ -61,7 +61,7 @@ def test_every_kind_of_system_is_tried_as_it_is_asked_to_be(place: Path, tmp_pat
         "word": "agrees", "detail": "10 steps of 0.001 s; 1 signal, b.omega_m off by 0",
     }  # fmt: skip
     assert "off by 0.048" in rows["wrong.ssp"]["detail"]
-    assert rows["lacking.ssp"]["detail"].endswith("its resource 'none.fmu' is no file of this archive")
+    assert rows["lacking.ssp"]["detail"].endswith("its resource 'none.fmu' is not a file of this archive")
     assert read_json(data) == facts and page.read_text() == page_text(facts)
     assert "### Systems of some" in page.read_text() and "| agrees | 1 |" in page.read_text()
 

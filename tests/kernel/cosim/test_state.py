@@ -140,7 +140,7 @@ def test_a_class_without_a_state_is_named_and_one_that_fails_is_quoted():
 
 def test_a_component_that_says_nothing_has_no_state():
     own = Component("own", (), (), True, 0, 0, np.zeros(0))
-    assert stateless_reasons([own]) == ["own does not say what its steps change"]
+    assert stateless_reasons([own]) == ["own does not declare what its steps change"]
 
 
 def test_constants_are_no_state():
@@ -190,7 +190,7 @@ def forged(saved: SavedState, component: str, name: str, value: np.ndarray) -> S
 
 def test_an_index_that_leads_beyond_its_array_is_refused():
     bad = forged(saved_at(5), "grower", "place", np.array([7]))
-    with pytest.raises(InputRefused, match=r"grower.place = 7: leads beyond what it counts"):
+    with pytest.raises(InputRefused, match=r"grower.place = 7: is outside its number of elements"):
         Simulation(system(), 30).restore(bad)
 
 

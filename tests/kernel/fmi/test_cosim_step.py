@@ -198,8 +198,8 @@ def test_a_discarded_step_comes_to_the_same_as_a_whole_one(
     ("trick", "said"),
     [
         ("none", "fmi2DoStep returned fmi2Discard and stays at t = 0.01 s, however short its steps"),
-        ("nan", "fmi2DoStep says that it went on until t = nan s, which lies outside of this step"),
-        ("beyond", "fmi2DoStep says that it went on until t = 1.0103 s, which lies outside of this step"),
+        ("nan", "fmi2DoStep reports that it stepped until t = nan s, which lies outside of this step"),
+        ("beyond", "fmi2DoStep reports that it stepped until t = 1.0103 s, which lies outside of this step"),
         ("silent", "fmi2DoStep returned fmi2Discard; it may do with shorter steps: raise [drive] substeps"),
         ("ends", "fmi2DoStep asked to terminate the simulation"),
     ],

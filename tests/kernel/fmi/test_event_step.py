@@ -181,9 +181,9 @@ def test_structure_sizes_arrays_and_text_and_files_reach_the_fmu(shaft: Maker, t
     ("kind", "said"),
     [
         ("stuck", "fmi3DoStep stays at t = 0.01 s: more than 100 events or early returns there"),
-        ("no_time", "fmi3DoStep says that it went on until t = nan s, which lies outside of this step"),
-        ("before", "fmi3DoStep says that it went on until t = 0.009 s, which lies outside of this step"),
-        ("beyond", "fmi3DoStep says that it went on until t = 0.012 s, which lies outside of this step"),
+        ("no_time", "fmi3DoStep reports that it stepped until t = nan s, which lies outside of this step"),
+        ("before", "fmi3DoStep reports that it stepped until t = 0.009 s, which lies outside of this step"),
+        ("beyond", "fmi3DoStep reports that it stepped until t = 0.012 s, which lies outside of this step"),
         ("past", "fmi3UpdateDiscreteStates plans its next event for t = 0.01 s, which has passed or is no time"),
         ("no_event_time", "fmi3UpdateDiscreteStates plans its next event for t = nan s, which has passed or is no"),
         ("crumbles", "fmi3DoStep takes more than 10000 parts for this step, and is at t = 0.01001 s"),

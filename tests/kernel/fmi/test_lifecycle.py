@@ -219,7 +219,7 @@ def test_its_status_is_a_number_and_what_it_logged_is_told(first: Maker):
 def test_what_its_standard_does_not_fit_is_refused(first: Maker):
     with pytest.raises(InputRefused, match="needs its authoring tool"):
         described(first(kind="CoSimulation_Tool"))
-    with pytest.raises(InputRefused, match=r"fmiInstantiate refused \(it said: the GUID is another one\)"):
+    with pytest.raises(InputRefused, match=r"fmiInstantiate refused \(it logged: the GUID is another one\)"):
         made(first(guid="{other}"))
 
 

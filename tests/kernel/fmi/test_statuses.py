@@ -72,7 +72,7 @@ def test_every_function_may_return_any_integer(version: str, kind: str, name: st
         except TwinError as failure:
             assert isinstance(failure, ComponentFailed | InputRefused) and failure.exit_code in (2, 3)
             known = number in NAMES and (number < 5 or called == "fmi2DoStep")
-            told = f"returned {prefix}{NAMES[number]}" if known else f"returned {number}, which is no status of FMI"
+            told = f"returned {prefix}{NAMES[number]}" if known else f"returned {number}, which is not a status of FMI"
             discarded = name == "DoStep" and number == 2
             assert not goes_on and not never, failure
             assert fmu_name in str(failure)
@@ -87,7 +87,7 @@ def test_every_function_may_return_any_integer(version: str, kind: str, name: st
 def test_a_getter_that_fails_names_its_variable_and_what_was_logged(tmp_path: Path):
     fmu = odd_fmu(tmp_path / "x.fmu", "GetInteger 3 0", ("Real", "Integer"))
     said = (
-        "x.fmu (x) fmi2GetInteger returned fmi2Error for out_Integer at the start (it said: GetInteger of in_Real and"
+        "x.fmu (x) fmi2GetInteger returned fmi2Error for out_Integer at the start (it logged: GetInteger of in_Real and"
     )
     with pytest.raises(ComponentFailed) as failure, open_system(read_system(fmu)):
         pass

@@ -156,11 +156,11 @@ BAD = {
     ),
     "a missing file": (
         structure(system([component("a", "a.fmu", bindings=outside("p.ssv"))])),
-        "parameters of 'a': 'p.ssv' is no file of this archive",
+        "parameters of 'a': 'p.ssv' is not a file of this archive",
     ),
     "a file outside": (
         structure(system([component("a", "a.fmu", bindings=outside("../../etc/passwd"))])),
-        "'../../etc/passwd' is no file of this archive",
+        "'../../etc/passwd' is not a file of this archive",
     ),
     "a file inside the FMU": (
         structure(system([component("a", "a.fmu", bindings=outside(more='sourceBase="component"'))])),

@@ -46,9 +46,9 @@ def ssd(*parts: str, wires: tuple[str, ...] = (), bound: str = "", stop: float |
 
 BAD: dict[str, tuple[str, Change | None, str]] = {
     "no components": (structure(system([]), 1.0), None, "a system without components"),
-    "a missing resource": (ssd(component("a", "b.fmu")), None, "its resource 'b.fmu' is no file of this"),
-    "a resource outside": (ssd(component("a", "../../a.fmu")), None, "'../../a.fmu' is no file of this"),
-    "a resource elsewhere": (ssd(component("a", "file:///a.fmu")), None, "'file:///a.fmu' is no file of this archive"),
+    "a missing resource": (ssd(component("a", "b.fmu")), None, "its resource 'b.fmu' is not a file of this"),
+    "a resource outside": (ssd(component("a", "../../a.fmu")), None, "'../../a.fmu' is not a file of this"),
+    "a resource elsewhere": (ssd(component("a", "file:///a.fmu")), None, "'file:///a.fmu' is not a file of this"),
     "another resource": (
         ssd(component("a", "a.fmu", more='type="application/x-ssp-package"')), None,
         "component 'a' is of type application/x-ssp-package, which is not supported",

@@ -81,7 +81,7 @@ def test_of_a_session_that_was_killed_the_page_says_what_is_not_known(session: P
     answer = write_report([tmp_path])
     html = (tmp_path / "report.html").read_text()
     assert "not to its end" in str(answer.facts["headline"])
-    assert html.count("The session did not come to its end, so this was not written down.") == 3
+    assert html.count("The session was interrupted, so this was not recorded.") == 3
     assert len(cells(html, "followed")) > 5
 
 

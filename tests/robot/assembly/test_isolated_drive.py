@@ -150,7 +150,7 @@ def test_an_isolated_drive_looks_like_the_drive_itself(root: Path):
 @pytest.mark.parametrize(
     ("attack", "manner"),
     [
-        (SEGFAULT, "crashed (SIGSEGV, segmentation fault) in fmi2DoStep (tell its maker)"),
+        (SEGFAULT, "crashed (SIGSEGV, segmentation fault) in fmi2DoStep (report it to its supplier)"),
         (HANG, "did not return from fmi2DoStep within 1 s (if it is slow, not stuck, raise --limit-step)"),
     ],
 )

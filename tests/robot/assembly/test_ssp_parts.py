@@ -264,7 +264,7 @@ def test_a_component_steps_as_it_is_annotated_else_once_a_call(tmp_path: Path, a
         (
             structure(system([component("pi", "other.fmu")])),
             *ONE,
-            "its resource 'other.fmu' is no file of this archive",
+            "its resource 'other.fmu' is not a file of this archive",
         ),
         ("", {"F_ee_B[2]": "u", "F_ee_B[1]": "pi.u"}, ONE[1], "one.ssp: pi.u: pi.u is fed already, by "),
     ],

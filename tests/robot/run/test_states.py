@@ -93,7 +93,7 @@ def test_what_is_left_of_a_run_is_worked_out_of_its_recording(tmp_path: Path, mo
     made(tmp_path / "run")
     experiment, state, how = load_continuation("run@0.7", ())
     assert state is not None and state.time == 0.5 and experiment.duration_ticks == 1500
-    assert how == "goes on from the state at 0.5 s of run"
+    assert how == "continues from the state at 0.5 s of run"
     _, none, how = load_continuation("run@0.2", ())
     assert none is None and how == "run again from the start: run.mcap has no state at 0.2 s or before"
     later, none, how = load_continuation("run", ("duration_s=2",))
@@ -162,7 +162,7 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path, number: int, co
     assert process.returncode == code
     assert said.strip().endswith(f"; continue with: twin run --from {tmp_path / 'first'}")
     done = command("run", "--from", tmp_path / "first", "--out", tmp_path / "second", cwd=tmp_path)
-    assert done.returncode == 0 and "goes on from the state at " in done.stdout
+    assert done.returncode == 0 and "continues from the state at " in done.stdout
     whole = made(tmp_path / "whole", "massage", ())
     assert 0.0 < same_from(whole, tmp_path / "second" / "run.mcap") < 60.0
     assert outcome(tmp_path / "second" / "run.mcap") == outcome(whole)
@@ -175,7 +175,7 @@ def test_a_run_that_is_killed_goes_on_from_its_last_state(tmp_path: Path):
     process.send_signal(signal.SIGKILL)
     process.communicate(timeout=60.0)
     done = command("run", "--from", tmp_path / "first", "--out", tmp_path / "second", cwd=tmp_path)
-    assert done.returncode == 0 and "goes on from the state at " in done.stdout
+    assert done.returncode == 0 and "continues from the state at " in done.stdout
     assert same_from(made(tmp_path / "whole", "massage", ()), tmp_path / "second" / "run.mcap") > 0.0
 
 

@@ -69,7 +69,7 @@ def test_an_fmu_whose_state_does_not_come_back_counts_as_one_without(
     assert {name for name in ("state", "written") if checks[name]["verdict"] == "note"} == noted
     assert checks["written"]["detail"].startswith("it continues differently from a restored state")
     after = twin("run", "fig4_force_position", "--drive", fmu, *SHORT, "--out", tmp_path / "after", cwd=tmp_path)
-    sentence = "no state is saved: liar.fmu (drive_1) goes on differently from a state that it saved"
+    sentence = "no state is saved: liar.fmu (drive_1) continues differently after a saved state is restored"
     assert sentence not in " ".join(before.stdout.split()) and sentence in " ".join(after.stdout.split())
     done = twin("run", "--from", tmp_path / "after", "--out", tmp_path / "again", cwd=tmp_path)
     assert done.returncode == 0 and "run again from the start" in done.stdout

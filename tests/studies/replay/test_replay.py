@@ -233,7 +233,7 @@ def test_lost_samples_cost_no_others_and_are_told(tmp_path: Path):
     replay = replay_log(read_log(write_log(tmp_path / "log.csv", run, keep)), healthy(), plant=True)
     np.testing.assert_array_equal(replay.estimator["F_ee_B"], run["estimator.F_ee_B"][keep])
     assert replay.log.sampling.missing == 510
-    # 20 ms are bridged, after 1 s the plant model starts anew
+    # 20 ms are bridged, after 1 s the plant model restarts
     assert replay.starts == (0.0, 9.0)
     assert replay.first_alarm is None
 

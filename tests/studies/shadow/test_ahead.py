@@ -292,7 +292,7 @@ def test_while_another_controller_leads_the_robot_there_is_no_prediction_and_tha
     other[1000:2000] += 0.3
     rows, happened, _ = looked_ahead(len(samples.t), with_inputs(samples, omega_ref=other))
     assert [one.text for one in happened] == [
-        "no prediction while the robot's commands are not those of the twin's controller"
+        "no prediction while the robot's commands differ from those of the twin's controller"
     ]
     made = predicted(rows)["made"]
     assert not np.any((made > 2.1) & (made < 3.9)) and np.sum(made > 4.0) >= 4

@@ -151,7 +151,7 @@ def test_after_a_long_gap_the_plant_model_starts_anew_and_says_so():
     samples = samples.rows(keep)
     twin = twin_of(EXPERIMENT, MODEL, "robot")
     rows = twin.feed(samples)
-    assert [one.text for one in twin.happenings()] == ["the plant model starts anew, at rest"]
+    assert [one.text for one in twin.happenings()] == ["the plant model restarts at rest"]
     assert twin.happenings() == []
     assert np.all(np.isfinite(rows["plant"]))
 
@@ -162,7 +162,7 @@ def test_a_plant_model_that_leaves_the_workspace_costs_no_more_than_itself():
     twin.feed(part(samples, 0, 1000))
     broken = part(samples, 1000, 1100)
     twin.feed(with_inputs(broken, count_m=broken.only("count_m") + 30.0 * MODEL.belief.motor_counts))
-    assert any("it starts anew, at rest" in one.text for one in twin.happenings())
+    assert any("it restarts at rest" in one.text for one in twin.happenings())
     rows = twin.feed(part(samples, 1100, N))
     assert np.all(np.isfinite(rows["plant"][-500:])) and np.all(np.isfinite(rows["estimator"]))
 

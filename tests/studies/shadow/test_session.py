@@ -173,7 +173,7 @@ def test_a_clock_that_is_set_and_a_rate_that_changes_are_events(tmp_path: Path):
         for k, one in enumerate(joints())
     ]
     told = followed(set_ahead, tmp_path)
-    assert "the robot's clock was set by +1.000 s; time goes on by arrivals" in events(tmp_path)
+    assert "the robot's clock was set by +1.000 s; time continues by arrivals" in events(tmp_path)
     assert told.counts.missing == 0
     slower = [one for k, one in enumerate(joints()) if k < 1000 or k % 2]
     followed(slower, tmp_path)

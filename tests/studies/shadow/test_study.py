@@ -195,7 +195,7 @@ def test_a_clock_that_steps_far_in_a_log_begins_anew_and_costs_no_memory(tmp_pat
 @pytest.mark.parametrize(
     ("source", "maps", "expected"),
     [
-        ("ros1:/joint_states", MAP, "'ros1:' is no transport, there are ros2: and zenoh:"),
+        ("ros1:/joint_states", MAP, "'ros1:' is not a transport; transports are ros2: and zenoh:"),
         ("ros2:joint_states", MAP, "expected a topic that begins with /, such as ros2:/joint_states"),
         ("nothing.csv", MAP, "no such file or folder"),
         ("ros2:/joint_states", [], '"estimator.theta_m[0]" = "/joint_states.position.m1"'),

@@ -279,7 +279,7 @@ def refused(root: Path, folder: Path, text: str) -> str:
             f'[limits]\npek_N = 7\n[[vary]]\nkey = "{GAIN}"\nvalues = [1]\n',
             "[limits] pek_N: no such metric; did you mean",
         ),
-        ('[[vary]]\nkey = "a"\nvalues = [1]\nwhen = { key = "b", value = 1 }\n', "there is no table before this one"),
+        ('[[vary]]\nkey = "a"\nvalues = [1]\nwhen = { key = "b", value = 1 }\n', "no table precedes this one"),
     ],
 )
 def test_what_cannot_run_is_refused_before_the_first_run(root: Path, tmp_path: Path, text: str, told: str):

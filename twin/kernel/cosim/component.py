@@ -264,7 +264,7 @@ class Component:
 
     def lacks_state(self, portable: bool = True) -> str:
         """Return why the state cannot be saved (for another process if `portable`), as a verb phrase; "" if it can."""
-        return "does not say what its steps change"
+        return "does not declare what its steps change"
 
     def rewind(self) -> Rewind | None:
         """Return functions that save and restore the component to repeat a step; None if it cannot repeat steps."""
@@ -339,7 +339,7 @@ class NativeComponent(Component):
             values = one.view_in(self.memory)
             # -1, before the first step, is the last index in compiled code
             if one.below and not np.all((values >= -1) & (values < np.maximum(one.limit(self.memory), 1))):
-                raise InputRefused(f"{self.name}.{one.name} = {values.flat[0]}: leads beyond what it counts")
+                raise InputRefused(f"{self.name}.{one.name} = {values.flat[0]}: is outside its number of elements")
 
 
 class Composite(Component):

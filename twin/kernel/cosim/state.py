@@ -94,17 +94,17 @@ class SavedState:
                 raise InputRefused(f"{where}: a state of {size} bytes; expected 8 to {MAX_STATE_SIZE}")
             whole = zstandard.decompress(content, max_output_size=size)
         except zstandard.ZstdError:
-            raise InputRefused(f"{where}: this is no state that twin saved: it does not decompress") from None
+            raise InputRefused(f"{where}: this is not a state that twin saved: it does not decompress") from None
         (length,) = struct.unpack("<Q", whole[:8])
         front = parse_json(whole[8 : 8 + length], f"{where}: the state's description")
-        other = InputRefused(f"{where}: this is no state that twin saved")
+        other = InputRefused(f"{where}: this is not a state that twin saved")
         if not _has_form(front, {"version": int, "pieces": list, "inside": list, "about": dict}):
             raise other
         if front["version"] != VERSION:
             raise InputRefused(f"{where}: a state of version {front['version']!r}; this twin reads {VERSION}")
         tick, about, contents = front.get("tick"), front["about"], BytesIO(whole[8 + length :])
         if type(tick) is not int or not 0 <= tick < 1 << 62:
-            raise InputRefused(f"{where}: this is no state that twin saved: tick {tick!r}")
+            raise InputRefused(f"{where}: this is not a state that twin saved: tick {tick!r}")
         if not all(
             _has_form(one, [str, str, str, list, int])
             and all(type(n) is int for n in one[3])

@@ -283,7 +283,7 @@ class FmuComponent(Component):
         if not interface.canGetAndSetFMUstate:
             return "has no FMU state" + (" (FMI 1.0 does not define it)" if version == 1 else " (canGetAndSetFMUState)")
         if is_marked_stateless(self.instance.description.sha256):
-            return "goes on differently from a state that it saved, as twin drive check found"
+            return "continues differently after a saved state is restored, as twin drive check found"
         if portable and not interface.canSerializeFMUstate:
             return "cannot write its FMU state down (canSerializeFMUState)"
         if isinstance(self._stepping, ExchangeStepping) and self._stepping.solver.method == "cvode":

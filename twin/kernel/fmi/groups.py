@@ -212,7 +212,7 @@ def status_phrase(function: str, status: int) -> str:
     if status in STATUS_NAMES and (status != PENDING_STATUS or function in ("fmiDoStep", "fmi2DoStep")):
         prefix = function[:4] if function[3:4].isdigit() else "fmi"
         return f"{function} returned {prefix}{STATUS_NAMES[status]}"
-    return f"{function} returned {status}, which is no status of FMI"
+    return f"{function} returned {status}, which is not a status of FMI"
 
 
 def explain_status(
@@ -226,9 +226,8 @@ def explain_status(
     step, update = f"{prefix}DoStep", f"{prefix}UpdateDiscreteStates"
     sentences = {
         TERMINATE_REQUEST: f"{step} asked to terminate the simulation{message}",
-        EARLY_RETURN: f"{step} returned early although its description does not say that it might{message}; "
-        "export it again",
-        TIME_OUTSIDE_STEP: f"{step} says that it went on until t = {value:.9g} s, which lies outside of this step"
+        EARLY_RETURN: f"{step} returned early, which its description does not permit{message}; export it again",
+        TIME_OUTSIDE_STEP: f"{step} reports that it stepped until t = {value:.9g} s, which lies outside of this step"
         f"{message}",
         TIME_STALLED: f"{step} stays at t = {value:.9g} s{message}: more than {MAX_STALLS} events or early returns "
         "there",
@@ -236,8 +235,8 @@ def explain_status(
         TOO_MANY_PARTS: f"{step} takes more than {MAX_PARTS} parts for this step, and is at t = {value:.9g} s{message}",
         ENDLESS_UPDATES: f"{update} wants to be called for ever: more than {MAX_UPDATES} times in one event{message}",
         EVENT_IN_PAST: f"{update} plans its next event for t = {value:.9g} s, which has passed or is no time{message}",
-        INVALID_INTERVAL: f"{prefix}GetIntervalDecimal says that clock '{clock}' ticks after {value:.9g} s{message}; "
-        "expected a whole number of steps: choose a tick or substeps that fit",
+        INVALID_INTERVAL: f"{prefix}GetIntervalDecimal reports that clock '{clock}' ticks after {value:.9g} s{message}"
+        "; expected a whole number of steps: choose a tick or substeps that fit",
     }
     if status in sentences:
         return sentences[status]

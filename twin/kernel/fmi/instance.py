@@ -309,7 +309,7 @@ class Instance:
             ) from None
 
     def _quoted_messages(self) -> str:
-        return f" (it said: {'; '.join(self.messages)})" if self.messages else ""
+        return f" (it logged: {'; '.join(self.messages)})" if self.messages else ""
 
     def on_message(self, status: int, message: bytes | None) -> None:
         """Store and report a log message of the FMU with a status of warning or worse."""

@@ -143,15 +143,15 @@ def exchange_error(m: Any, status: int, other: int) -> str:
     flag = _CVODE_FLAGS.get(int(m["flag"]), f"its code is {m['flag']}")
     now, asked, element = float(m["now"]), float(m["asked"]), int(m["element"])
     own = {
-        NOT_FINITE: f"said NaN or infinity for derivative {element + 1} of {m['states']} at {asked:.9g} s",
-        INDICATOR_NOT_FINITE: f"said NaN or infinity for event indicator {element + 1} of {m['indicators']}",
-        ENDLESS_UPDATE: f"came to no end in an event at {now:.9g} s: {update} asked for more {MAX_UPDATES} times",
+        NOT_FINITE: f"returned NaN or infinity for derivative {element + 1} of {m['states']} at {asked:.9g} s",
+        INDICATOR_NOT_FINITE: f"returned NaN or infinity for event indicator {element + 1} of {m['indicators']}",
+        ENDLESS_UPDATE: f"did not finish an event at {now:.9g} s: {update} asked for more {MAX_UPDATES} times",
         TOO_MANY_EVENTS: f"made more than {MAX_EVENTS} events in one step, the last at {now:.9g} s; it may be "
         "flickering",
         TERMINATE_REQUEST: "asked to terminate the simulation",
         PAST_EVENT: f"asked at {now:.9g} s for a time event at {asked:.9g} s, which is past",
         STATE_COUNT_CHANGED: f"has {element} continuous states after an event at {now:.9g} s, and had {m['states']}",
-        ARRAY_OVERFLOW: "wrote more states, derivatives or event indicators than it says it has",
+        ARRAY_OVERFLOW: "wrote more states, derivatives or event indicators than it declares",
         TOO_MANY_STEPS: f"let the solver make {MAX_SOLVER_STEPS} steps within one, up to {now:.9g} s only",
         CVODE_FAILED: f"let CVODE fail at {now:.9g} s: {flag}",
     }

@@ -221,7 +221,7 @@ def _source_path(file: Path, scratch: Path, name: str | None) -> Path:
     home = (scratch / "sources").resolve()
     path = (home / (name or "?")).resolve()
     if not path.is_relative_to(home) or not path.exists():
-        raise InputRefused(f"{file}: its sources hold no '{name}', which it says to compile; export it again")
+        raise InputRefused(f"{file}: its sources hold no '{name}', which it lists as a source; export it again")
     return path
 
 

@@ -269,7 +269,7 @@ def split_time(text: str) -> tuple[str, float | None]:
     except ValueError:
         seconds = math.nan
     if not 0.0 <= seconds < math.inf:
-        raise InputRefused(f"--from {text}: {time!r} behind the @ is no time in seconds, 0 or more")
+        raise InputRefused(f"--from {text}: {time!r} after the @ is not a time in seconds, 0 or more")
     return path, seconds
 
 

@@ -94,7 +94,7 @@ class EventLog(Observer):
         self.events = [TickEvent(*one) for one in decode_json(state, "events")]
         for event in self.events:
             if [type(value) for value in event] != [int, str, str, str] or event.level not in get_args(Level):
-                raise ValueError(f"{event} is no event")
+                raise ValueError(f"{event} is not an event")
 
 
 class Recorder(EventLog):

@@ -135,7 +135,7 @@ class Records:
         records = np.empty((count, stride), dtype=np.uint8)
         wrong = _gather(content, table, len(self.table), channel, first_sequence, stride, records)
         if wrong == OTHER_LENGTH:
-            raise ValueError("messages whose length is not that of their schema")
+            raise ValueError("messages whose length does not match their schema")
         return None if wrong == OTHER_SEQUENCE else records
 
 
@@ -272,7 +272,7 @@ class TopicSeries:
         records = np.concatenate([np.empty((0, self.layout.stride), np.uint8), *self.parts])
         for part in self.layout.framing:
             if np.any(records[:, part] != self.layout.filling.template[part]):
-                raise ValueError("messages whose bytes are not those of their schema")
+                raise ValueError("messages whose bytes do not match their schema")
         return records
 
 

@@ -88,7 +88,7 @@ def read_package(file: Path) -> Package:
     def load_resource(source: str, what: str) -> Resource:
         entry = entry_of(source, sizes, STRUCTURE_FILE)
         if not entry:
-            raise InputRefused(f"{file}: {what}: '{source}' is no file of this archive")
+            raise InputRefused(f"{file}: {what}: '{source}' is not a file of this archive")
         return Resource(read_entry(file, entry, MAX_TEXT_BYTES), entry, f"{file}: {entry}")
 
     where = f"{file}: {STRUCTURE_FILE}"

@@ -105,7 +105,7 @@ def _file(file: Path, key: str, source: Any) -> Path:
     try:
         path = Path(unquote(urlparse(source).path)) if source.startswith("file:") else Path(source)
     except ValueError as problem:
-        raise InputRefused(f"{file}: {key}: '{source}' is no URI: {problem}; expected the path of an FMU") from None
+        raise InputRefused(f"{file}: {key}: '{source}' is not a URI: {problem}; expected the path of an FMU") from None
     # unlike Path.is_file, os.path.isfile does not raise for a name that is too long
     found = next((one for one in (file.parent / path, path) if os.path.isfile(one)), None)
     if found is None:

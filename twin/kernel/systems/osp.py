@@ -60,7 +60,9 @@ def _source(file: Path, source: str) -> Path:
     try:
         url = urlparse(source)
     except ValueError as problem:
-        raise InputRefused(f"{file}: source '{source}' is no URI: {problem}; expected an FMU on this machine") from None
+        raise InputRefused(
+            f"{file}: source '{source}' is not a URI: {problem}; expected an FMU on this machine"
+        ) from None
     # the drive letter of a Windows path is parsed as a scheme
     if url.scheme not in ("", "file") and len(url.scheme) > 1:
         raise InputRefused(f"{file}: source '{source}' is not a file; expected an FMU on this machine")

@@ -130,7 +130,7 @@ def fmu_sources(package: Package, flat: FlatSystem) -> dict[str, str]:
             )
         found[path] = package.entry(component.source)
         if not found[path]:
-            raise InputRefused(f"{where}: its resource '{component.source}' is no file of this archive")
+            raise InputRefused(f"{where}: its resource '{component.source}' is not a file of this archive")
     return found
 
 

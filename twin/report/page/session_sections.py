@@ -27,7 +27,7 @@ MAX_GAPS = 30
 """Maximum number of gaps that are listed, the longest ones."""
 GAP_RATIO = 1.5
 """Minimum length of a gap, in periods between two samples, as in the session."""
-UNFINISHED_TEXT = "The session did not come to its end, so this was not written down."
+UNFINISHED_TEXT = "The session was interrupted, so this was not recorded."
 WholeNumber = Annotated[int, Field(ge=0, lt=2**63)]
 RESIDUAL_TABLE = (
     ("residual/joints.theta_l", "joint {}, plant model less robot", "deg", DEG),

@@ -246,7 +246,7 @@ def _refuse_idle_solvers(plan: DrivePlan) -> None:
     for part, method in named.items():
         fmu = plan.parts[part]
         if method and fmu.kind == "co_simulation":
-            remedy = 'say kind = "model_exchange"' if len(fmu.kinds) > 1 else "remove it"
+            remedy = 'set kind = "model_exchange"' if len(fmu.kinds) > 1 else "remove it"
             raise InputRefused(f'{fmu.path}: solver = "{method}", and it brings its own for co-simulation; {remedy}')
 
 

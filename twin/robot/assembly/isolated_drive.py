@@ -227,7 +227,7 @@ class IsolatedDrive(ProcessProxy):
             limit = f"{self._watch.limits.step:g} s"
             return f"did not return from {self.function} within {limit} (if it is slow, not stuck, raise --limit-step)"
         if status == HOST_DIED:
-            return f"{exit_phrase(self._process.end())} in {self.function} (tell its maker)"
+            return f"{exit_phrase(self._process.end())} in {self.function} (report it to its supplier)"
         while not self._process.gone:
             for report in self._process.reports(POLL_INTERVAL):
                 if "note" in report:

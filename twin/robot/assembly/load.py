@@ -158,7 +158,8 @@ def _find_parts(values: dict[str, Any], metadata: Metadata, fmus: Mapping[str, s
             known = isinstance(facts, dict) and isinstance(facts.get("sha256"), str)
             if not os.path.isfile(path) or not known:
                 raise InputRefused(
-                    f"{where}: its {role} {Path(file).name} is not beside it; put it there to run it again"
+                    f"{where}: its {role} {Path(file).name} is not in the recording's folder; "
+                    "copy it there to run it again"
                 )
             values[role] = table | {"python": f"{path}:{kind}", "sha256": facts["sha256"]}
 
@@ -179,7 +180,9 @@ def _fmu_path(name: str, where: Path, folder: Path, part: str = "drive") -> str:
         # not Path.is_file, which raises for a too long name
         if os.path.isfile(path) or (os.path.exists(path) and candidate != name):
             return str(path)
-    raise InputRefused(f"{where}: its {part} {name} is neither in fmus/ nor beside it; put it there to run it again")
+    raise InputRefused(
+        f"{where}: its {part} {name} is neither in fmus/ nor in the recording's folder; copy it there to run it again"
+    )
 
 
 def _pin_hashes(drive: Drive, name: str, fmus: Mapping[str, str]) -> Drive:

@@ -48,7 +48,7 @@ ADAPTIVE_OUTPUTS = (
     Port("excited", 1, "1", "whether something moved enough to learn from", "bool"),
     Port("kp_F", 1, "m/N", "proportional gain of the force loop"),
     Port("ki_F", 1, "m/N s", "integral gain of the force loop"),
-    Port("shift_z", 1, "m", "shift of the z reference besides dp_z: the dither"),
+    Port("shift_z", 1, "m", "shift of the z reference in addition to dp_z: the dither"),
     Port("breath_rate", 1, "Hz", "rate of the breath that is followed; 0: none is looked for"),
     Port("breath_v", 1, "m/s", "velocity of the surface that is fed forward"),
 )

@@ -48,9 +48,9 @@ TANK_INPUTS = (
 TANK_OUTPUTS = (
     Port("omega_ref", 3, "rad/s", "commanded motor speeds, as far as the tank allows them"),
     Port("share", 1, "1", "of the commanded speeds that is left"),
-    Port("level", 1, "J", "what is in the tank"),
+    Port("level", 1, "J", "energy in the tank"),
     Port("stored", 1, "J", "what the springs hold of the force on the environment, as believed"),
-    Port("given", 1, "J", "energy given to what was touched, to motion and joints, less what came back, as believed"),
+    Port("given", 1, "J", "believed energy given to the body, to motion and to joints, less the energy returned"),
 )
 COASTING_SHARE = 1.0 / 3.0
 """Time constant of motors that still follow previous commands, as a share of the horizon."""

@@ -137,7 +137,7 @@ def ambiguity_message(
         unsure: unresolved roles.
         rotor: whether twin simulates the shaft.
     """
-    lines = [f"{file}: cannot tell which of its variables is {' and which is '.join(r.port.name for r in unsure)}."]
+    lines = [f"{file}: undecided which of its variables is {' and which is '.join(r.port.name for r in unsure)}."]
     likely = likely_command(variables, set(chosen.values())) if COMMAND_ROLES["velocity"] in unsure else "velocity"
     other = likely if likely != "velocity" else None
     if other:

@@ -361,7 +361,7 @@ class Drive(FmuTable):
             *((p.solver, p.solver_step) for p in self.parts.values()),
         ]:
             if step is not None and "rk4" not in (method, self.solver):
-                raise ValueError('solver_step_ms is of solver = "rk4"; say that, or remove it')
+                raise ValueError('solver_step_ms belongs to solver = "rk4"; set that solver, or remove it')
         return self
 
 

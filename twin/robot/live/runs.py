@@ -134,11 +134,11 @@ def load_continuation(run: str, settings: Sequence[str]) -> tuple[Experiment, St
         return experiment, None, f"run again from the start: {recording.name} has no state{when}"
     if state.time >= end - 0.5 * before.cosim.tick:
         raise InputRefused(
-            f"--from {run}: it has come to its end at {end:g} s, nothing is left to run; for a later end add --set "
+            f"--from {run}: it ended at {end:g} s, nothing is left to run; for a later end add --set "
             f"duration_s=..., for another part of it name the time of an earlier state, {path}@{0.5 * end:g}"
         )
     refuse_other_run(state.saved_state, machine_identity(versions()), str(recording))
-    return experiment, state, f"goes on from the state at {state.time:g} s of {recording.parent.name}"
+    return experiment, state, f"continues from the state at {state.time:g} s of {recording.parent.name}"
 
 
 def _other_duration(settings: Sequence[str]) -> float | None:

@@ -490,4 +490,4 @@ def trip_reason(simulation: Simulation) -> str:
 
 def other_trip(monitor: Component) -> str:
     """Return the trip message of a third-party monitor."""
-    return f"safety monitor: {monitor.label or monitor.name} has tripped; why, its output 'reason' may say"
+    return f"safety monitor: {monitor.label or monitor.name} has tripped; see its output 'reason'"

@@ -53,8 +53,8 @@ class ReasonText(NamedTuple):
 
 
 REASON_TEXTS = {
-    Reason.INVALID_SAMPLE: ReasonText("the encoder message holds what is not a number", "invalid values", "", 1.0),
-    Reason.STALE: ReasonText("the encoder messages are not those of their time", "off by", "ms", 1e3),
+    Reason.INVALID_SAMPLE: ReasonText("the encoder message holds NaN or infinity", "invalid values", "", 1.0),
+    Reason.STALE: ReasonText("the encoder messages do not match the time", "off by", "ms", 1e3),
     Reason.JUMP: ReasonText(
         "joint {joint}: an encoder jumped further than drive and joint can move", "motor-side speed", "rad/s", 1.0
     ),
@@ -76,11 +76,11 @@ REASON_TEXTS = {
     Reason.TOO_LOW: ReasonText("the platform left the workspace downwards", "z", "mm", 1e3),
     Reason.TOO_HIGH: ReasonText("the platform left the workspace upwards", "z", "mm", 1e3),
     Reason.CONTACT_TIME: ReasonText("the robot has pressed too long without a pause", "contact time", "s", 1.0),
-    Reason.INVALID_COMMAND: ReasonText("the controller commands what is not a number", "invalid values", "", 1.0),
+    Reason.INVALID_COMMAND: ReasonText("the controller commands NaN or infinity", "invalid values", "", 1.0),
     Reason.SATURATION: ReasonText("joint {joint}: the command has stayed at its limit", "for", "ms", 1e3),
     Reason.FOLLOW: ReasonText("joint {joint}: the motor does not follow its command", "for", "ms", 1e3),
     Reason.HIDDEN_FORCE: ReasonText(
-        "the motors give way to more force than the encoders show: an encoder is wrong", "for", "ms", 1e3
+        "the motors yield to more force than the encoders show: an encoder is wrong", "for", "ms", 1e3
     ),
     Reason.SILENT: ReasonText("the remote controller sends no commands", "for", "ms", 1e3),
 }

@@ -110,7 +110,7 @@ SMALL_EFFECTS = (
         "tilted base", "2 deg", {"mounting_tilt": radians(2.0), "mounting_tilt_x": radians(2.0)},
         "about both axes; set up without a level",
     ),
-    Effect("head beside O_P", "3 mm", {"head": (3e-3, 0.0, 0.0)}, "screwed on askew"),
+    Effect("head off O_P", "3 mm", {"head": (3e-3, 0.0, 0.0)}, "screwed on askew"),
     Effect(
         "hard stops", "15 deg", {"spring_stop": radians(15.0), "joint_lower": radians(-60.0),
                                  "joint_upper": radians(90.0)},

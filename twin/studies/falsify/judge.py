@@ -193,7 +193,7 @@ def requirements_of(experiment: Experiment, texts: Sequence[str], path: Path) ->
     named = [(f"requirement_{number}", text) for number, text in enumerate(texts, start=1)] or named
     if not named:
         raise InputRefused(
-            f"{path}: nothing is required of it; say --requirement 'always (|plant.F_ee_B| <= 18 N)', or what else has "
+            f"{path}: it has no requirement; give --requirement 'always (|plant.F_ee_B| <= 18 N)', or what else has "
             "to hold"
         )
     with assemble(experiment) as assembly:

@@ -141,7 +141,7 @@ class NearestRun:
 def header(experiment: str, found: NearestRun, requirements: Sequence[Requirement]) -> list[str]:
     """Format the comment lines for the experiment file of a found fault."""
     lines = [f"{r.name}: {_distance(found, r)}, negative is beyond it" for r in requirements]
-    return [f"Found by twin falsify {experiment}: {found.wrong.kind} violates what is required.", *lines]
+    return [f"Found by twin falsify {experiment}: {found.wrong.kind} violates the requirement.", *lines]
 
 
 def falsify_result(

@@ -34,7 +34,7 @@ UPPER_ENDS = {
     "command_held": UpperEnd(1.0, "a share: all commands"),
     "command_lost": UpperEnd(1.0, "a share: all commands"),
     "spring_softened": UpperEnd(0.1, "softer: as spring_broken; stiffer: the plant's integration, unstable from 20 on"),
-    "stiffness_change": UpperEnd(100.0, "a wall: what is left to give way are the robot's springs"),
+    "stiffness_change": UpperEnd(100.0, "a wall: only the robot's springs yield"),
     "backlash_growth": UpperEnd(20.0, "DEFLECTION: 20 deg"),
     "joint_friction": UpperEnd(0.75, "the plant's integration, unstable from 0.8 on"),
     "belt_slip": UpperEnd(-90.0, "SPEED and DEFLECTION: 20 deg; the pose becomes singular"),

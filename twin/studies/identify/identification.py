@@ -154,7 +154,7 @@ def identify_log(
             found = fit(seen, belief, unknowns, model.resolution, fixed, surface=False)
     except Unreachable as problem:
         raise LogError(
-            f"{path}: {problem}; are units, signs and zeros of the joint encoders those of the experiment?"
+            f"{path}: {problem}; do units, signs and zeros of the joint encoders match the experiment?"
         ) from None
     _refuse_nonsense(found, belief, log)
     split = _stiffness_quantities(found, belief, log, motor_torque)
@@ -192,8 +192,8 @@ def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
     share = found.half_width(axis) / believed
     left = f"{100.0 * share:.0f} % of it" if share < 1.0 else "it"
     raise NotIdentifiable(
-        f"{log.path}: cannot tell k_s eta: {air} usable windows in free air and {pressing} on the scale leave {left} "
-        "open; press gradually, in several places, up and down, as experiments/calibration.toml does"
+        f"{log.path}: k_s eta is undetermined: {air} usable windows in free air and {pressing} on the scale leave "
+        f"{left} open; press gradually, in several places, up and down, as experiments/calibration.toml does"
     )
 
 

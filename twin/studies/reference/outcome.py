@@ -66,7 +66,7 @@ TRIAL_JOB = "twin.studies.reference.outcome:outcome_fields"
 OUTCOME_MEANINGS = {
     "agrees": "it reproduced the results",
     "differs": "it deviated from the results",
-    "ran": "it ran to the end; there are no results to compare",
+    "ran": "it ran to the end, without results to compare",
     "refused": "something was refused before it ran",
     "failed": "it could not be initialised, or returned an error, NaN or infinity",
     "lost": "its process crashed, hung or outgrew its limits",

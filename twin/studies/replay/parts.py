@@ -37,7 +37,7 @@ FORCE_RESIDUAL = (Port("F_z", 1, "N", "pressing force less the measured one"),)
 JOINT_RESIDUAL = (Port("theta_l", 3, "rad", "joint angles of the plant model less those of the log"),)
 SETTLING_TIME = 1.0
 """Settling time before each start (s): 20 time constants of the springs with the joint friction, 5 with a quarter."""
-RESTART_TEXT = "the plant model starts anew, at rest"
+RESTART_TEXT = "the plant model restarts at rest"
 
 Rows = dict[str, NDArray[np.float64]]
 """Rows by topic, (n, width); an all-NaN row is missing."""
@@ -232,7 +232,7 @@ class PlantModel:
                             f"the plant model, driven by the log's motor angles, {failure} before t = {when:.3f} s; "
                             "does the experiment describe this robot?"
                         )
-                    self.happenings.append(Happening(when, f"the plant model {failure}; it starts anew, at rest"))
+                    self.happenings.append(Happening(when, f"the plant model {failure}; it restarts at rest"))
                     self._run = None
                     # skip a sample that it cannot start from
                     begin += not len(made)

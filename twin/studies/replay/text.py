@@ -119,7 +119,7 @@ def _samples(replay: Replay) -> list[Block]:
     again = ", ".join(f"{start:.3f}" for start in replay.starts[1:])
     return [
         note("samples", f"{len(log.t)}, one every {1e3 * log.sampling.period:.4g} ms, {lost}"),
-        *([note("restarts", f"the plant model starts anew after gaps, at {again} s")] if again else []),
+        *([note("restarts", f"the plant model restarts after gaps, at {again} s")] if again else []),
         *(note("note", text, whole=True) for text in log.notes),
     ]
 

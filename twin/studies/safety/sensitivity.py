@@ -70,7 +70,7 @@ def nominal_value(path: Path, settings: Sequence[str], key: str) -> float:
     fields = {str(field.alias): field.default for field in Monitor.model_fields.values()}
     if not isinstance(fields.get(key), float):
         raise InputRefused(
-            f"[sensitivity] keys: '{key}' is no number of [monitor]; {nearest(key, list(toml_keys(Monitor)))}"
+            f"[sensitivity] keys: '{key}' is not a number of [monitor]; {nearest(key, list(toml_keys(Monitor)))}"
         )
     return float(load_experiment(path, settings).values["monitor"].get(key) or fields[key])
 

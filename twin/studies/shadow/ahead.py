@@ -399,7 +399,7 @@ class _PredictingPart:
         lasting, own = np.abs(np.mean(away[known], axis=0)), np.sqrt(np.mean(robots[known] ** 2, axis=0))
         foreign = bool(np.any(lasting > np.maximum(FOREIGN_DIFFERENCE, FOREIGN_DIFFERENCE_SHARE * own)))
         if foreign and not self._foreign:
-            text = "no prediction while the robot's commands are not those of the twin's controller"
+            text = "no prediction while the robot's commands differ from those of the twin's controller"
             self.happenings.append(Happening(t, text))
         self._foreign = foreign
         return foreign

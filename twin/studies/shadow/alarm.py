@@ -308,7 +308,7 @@ class ShadowWatch:
     def restart(self, t: float) -> None:
         """Restart the watch with a new reference after cooling down, because the twin has changed at `t` (s)."""
         self._learns = True
-        self._cool(WatchEvent(t, WatchState.COOLING_DOWN, found="it listens anew after that"))
+        self._cool(WatchEvent(t, WatchState.COOLING_DOWN, found="it restarts after that"))
 
     def _wait(self, t: float) -> None:
         self._left -= 1

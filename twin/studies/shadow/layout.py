@@ -44,14 +44,14 @@ OUTPUTS = (
     Port("omega_m", 3, "rad/s", "estimated motor speeds"),
     Port("F_ee_B", 3, "N", "estimated force by the robot on the environment, base frame B"),
     Port("deviation", STATES, "SI", "standard deviations of these"),
-    Port("residual_m", 3, "rad", "motor angles by counts less what was expected; NaN: none"),
-    Port("residual_l", 3, "rad", "joint angles by counts less what was expected; NaN: none"),
-    Port("residual_F", 1, "N", "measured pressing force less what was expected; NaN: none"),
-    Port("residual_tau", 3, "N m", "motor torques less what was expected; NaN: none"),
-    Port("NIS", 1, "1", "squared residuals of the counts by their variances; NaN: none said anything new"),
-    Port("used", 1, "1", "how many counts said anything new", "int"),
+    Port("residual_m", 3, "rad", "motor angles by counts less their prediction; NaN without a count"),
+    Port("residual_l", 3, "rad", "joint angles by counts less their prediction; NaN without a count"),
+    Port("residual_F", 1, "N", "measured pressing force less its prediction; NaN without a measurement"),
+    Port("residual_tau", 3, "N m", "motor torques less their prediction; NaN without a measurement"),
+    Port("NIS", 1, "1", "squared residuals of the counts by their variances; NaN without a new count"),
+    Port("used", 1, "1", "number of new counts", "int"),
     Port("moves", 1, "1", "whether a count has changed within the last 0.1 s", "bool"),
-    Port("started", 1, "1", "whether the filter has started anew with this sample", "bool"),
+    Port("started", 1, "1", "whether the filter restarted with this sample", "bool"),
 )
 MATRIX_TYPE = ("f8", (STATES, MATRIX_WIDTH))
 

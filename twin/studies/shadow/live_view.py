@@ -95,7 +95,7 @@ class AcceptButton:
         """Request a viewer parameter, see `Parameters`; true accepts the open proposal; raise `InputRefused`."""
         if name in (PROPOSAL_PARAMETER, ACCEPTED_PARAMETER, LINE_PARAMETER):
             raise InputRefused(
-                f"{name} is the twin's to say; {ACCEPT_PARAMETER} = true accepts what {PROPOSAL_PARAMETER} says"
+                f"{name} is set by the twin; {ACCEPT_PARAMETER} = true accepts what {PROPOSAL_PARAMETER} says"
             )
         if name != ACCEPT_PARAMETER:
             raise InputRefused(

@@ -289,8 +289,8 @@ class Session:
                 self._record_event(Happening(end / 1e9, f"no samples for {(end - start) / 1e9:.3g} s"), "gap")
         if now.restarts > noted.restarts:
             step = self._aligner.clock_step
-            what = f"was set by {step:+.3f} s" if abs(step) < LONGEST_STEP else "has started anew"
-            self._record_event(Happening(self._t, f"the robot's clock {what}; time goes on by arrivals"), "restart")
+            what = f"was set by {step:+.3f} s" if abs(step) < LONGEST_STEP else "has restarted"
+            self._record_event(Happening(self._t, f"the robot's clock {what}; time continues by arrivals"), "restart")
         period = self._aligner.period
         before = self._last_period
         if period < math.inf == before:
@@ -394,7 +394,7 @@ class Session:
                 "topics are matched once their periods are known"
             )
         if aligner.counts.samples > MIN_PERIOD_SAMPLES and math.isinf(aligner.period):
-            one.notes.append("stamps come at no regular intervals; what is missing cannot be counted")
+            one.notes.append("stamps have no regular interval; missing samples cannot be counted")
         one.notes += [f"{count} publishers on {topic}" for topic, count in self._several.items()]
 
     def line(self) -> str:

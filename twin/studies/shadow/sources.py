@@ -31,7 +31,7 @@ def refuse_source(source: str) -> None:
         raise InputRefused(f"--source {source}: expected a topic that begins with /, such as {transport}:/joint_states")
     if not transport and not Path(source).exists():
         first, colon, _ = source.partition(":")
-        hint = f"'{first}:' is no transport, there are ros2: and zenoh:" if colon else "no such file or folder"
+        hint = f"'{first}:' is not a transport; transports are ros2: and zenoh:" if colon else "no such file or folder"
         raise InputRefused(f"--source {source}: {hint}; expected a log, ros2:/TOPIC or zenoh:/TOPIC")
 
 

@@ -146,7 +146,7 @@ def gross_disagreement(residuals: Mapping[str, RunningStatistics], mistake: str 
         if name.startswith(PLANT_JOINT) and abs(one.worst) > GROSS_JOINT:
             joint = name.removeprefix(f"{PLANT_JOINT} ")
             off = f"joint {joint} of the plant model is off by {math.degrees(one.worst):+.1f} deg"
-            text = f"robot and twin part: {off}; are joints, signs and zeros of the map those of the experiment?"
+            text = f"robot and twin part: {off}; do joints, signs and zeros of the map match the experiment?"
             return Verdict("part", one.worst_at, text)
     NIS = residuals.get("NIS")
     if NIS is not None and NIS.worst > GROSS_NIS:

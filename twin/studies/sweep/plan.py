@@ -137,7 +137,7 @@ def contradictions(vary: Vary, sampled: bool, known: Sequence[str]) -> list[str]
     if vary.scale == "log" and needed != ("low", "high"):
         mistakes.append('scale = "log" belongs to from and to; remove it')
     if vary.when and vary.when.key not in known:
-        named = f"known here are {', '.join(known)}" if known else "there is no table before this one"
+        named = f"known here are {', '.join(known)}" if known else "no table precedes this one"
         mistakes.append(f"when: '{vary.when.key}' is not decided before; {named}")
     return mistakes
 

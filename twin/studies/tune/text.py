@@ -100,9 +100,7 @@ def _verdict(done: TuningResult) -> list[Block]:
     if done.meets_goals:
         confirmed = ", and the co-simulation agrees" if done.after.trials else ""
         where = "the one corner" if corners == 1 else f"all {corners} corners"
-        remark = (
-            ["  no better gains were found than those of the file"] if done.after.gains == done.before.gains else []
-        )
+        remark = ["  no gains better than the file's were found"] if done.after.gains == done.before.gains else []
         return [f"{name}  GOALS MET at {where}{confirmed}", *remark, *_overshoot_notes(done)]
     missed = [*(_miss(done, miss) for miss in done.after.misses), *done.contradictions]
     return [f"{name}  GOALS NOT MET; this is the best that was found", *map(missed_note, missed)]

@@ -305,7 +305,7 @@ def contradiction(trial: StepTrial, prediction: Prediction, goals: Goals) -> str
     """Describe how a simulated step violates goals that the linear model meets; "" if it does not."""
     simulated, linear = trial.answer, prediction.answers[trial.law]
     if trial.swing > MAX_SWING:
-        return f"the co-simulation never comes to rest, it swings by {100.0 * trial.swing:.0f} % of the step"
+        return f"the co-simulation never settles; it swings by {100.0 * trial.swing:.0f} % of the step"
     if simulated.overshoot > goals.overshoot + OVERSHOOT_TOLERANCE:
         return f"the co-simulation overshoots by {100.0 * simulated.overshoot:.0f} %"
     if math.isinf(simulated.settling) and SETTLING_FACTOR * linear.settling < STEP_HORIZON:

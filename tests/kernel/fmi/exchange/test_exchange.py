@@ -47,7 +47,7 @@ def test_an_fmu_of_both_kinds_is_for_co_simulation_unless_the_experiment_says_ot
     [
         ("velocity_servo", {"kind": "model_exchange"}, "offers co-simulation alone; remove kind"),
         ("velocity_servo", {"solver": "cvode"}, "brings its own for co-simulation; remove it"),
-        ("modelica_dc", {"solver": "rk4"}, 'brings its own for co-simulation; say kind = "model_exchange"'),
+        ("modelica_dc", {"solver": "rk4"}, 'brings its own for co-simulation; set kind = "model_exchange"'),
     ],
 )
 def test_a_kind_or_solver_that_does_not_fit_is_refused(root: Path, name: str, keys: dict[str, str], said: str):
@@ -109,16 +109,16 @@ def test_the_equations_of_a_model_are_what_is_called(motor: Planner, solver: str
 TICKS = np.arange(100)
 INPUTS = 3.0 * np.sin(0.04 * TICKS), np.zeros(100)
 RUNNING = {
-    "derivative is NaN": "said NaN or infinity for derivative 2 of 3",
-    "event without end": "came to no end in an event at 0.05 s",
+    "derivative is NaN": "returned NaN or infinity for derivative 2 of 3",
+    "event without end": "did not finish an event at 0.05 s",
     "states grow": "wrote more states|has 4 continuous states after an event",
     "indicators flicker": "made more than 1000 events in one step",
     "event in the past": "asked at 0.05 s for a time event at -0.45 s, which is past",
-    "indicator is NaN": "said NaN or infinity for event indicator 1 of 2",
+    "indicator is NaN": "returned NaN or infinity for event indicator 1 of 2",
     "event now, for ever": "made more than 1000 events in one step, the last at 0.05 s",
     "derivatives fail": r"fmi\dGet\w+ returned fmi\dError",
     "terminate": "asked to terminate the simulation",
-    "too many states": "wrote more states, derivatives or event indicators than it says it has",
+    "too many states": "wrote more states, derivatives or event indicators than it declares",
 }
 FLICKER = "indicators flicker"
 STARTING = {

@@ -157,7 +157,7 @@ def test_a_log_of_a_lab_is_exported_like_a_recording(tmp_path: Path, form):
 @pytest.mark.parametrize(
     ("maps", "said"),
     [
-        (["F=/ft.wrench.force.z"], "signal 'F' is no TOPIC.FIELD; name it like lab.F"),
+        (["F=/ft.wrench.force.z"], "signal 'F' is not TOPIC.FIELD; name it like lab.F"),
         (["lab.F=/ft.wrench.force.z", "lab.q=/j.position.hip"], "lab.F and lab.q have other times"),
         ([], "choose with --map"),
     ],

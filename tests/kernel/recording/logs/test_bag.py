@@ -147,10 +147,10 @@ def test_a_log_tells_of_its_two_clocks(tmp_path: Path):
 def test_a_log_tells_of_a_restart(tmp_path: Path):
     stamps = [100.0 + 0.01 * k for k in range(10)] + [0.01 * k for k in range(10)]
     folder = bag(tmp_path / "b", {"/ft": [(t, wrench(s, 1.0)) for t, s in zip(TICKS, stamps, strict=True)]})
-    assert "the stamps of /ft start anew 0.100 s after its first message: from 100.090 s back to 0.000 s" in (
+    assert "the stamps of /ft restart 0.100 s after its first message: from 100.090 s back to 0.000 s" in (
         logged(folder, "F=/ft.wrench.force.z").notes
     )
-    assert "its stamps start anew at message 11 of 20: from 100.090000 s back to 0.000000 s; cut the log" in refusal(
+    assert "its stamps restart at message 11 of 20: from 100.090000 s back to 0.000000 s; cut the log" in refusal(
         folder, "F=/ft.wrench.force.z", "time=header.stamp"
     )
 

@@ -130,9 +130,9 @@ def test_a_column_that_is_not_there_is_named_with_the_nearest(tmp_path: Path):
 
 def test_a_log_without_a_signal_is_refused(tmp_path: Path):
     text = "stamp,Fz\n0,1\n1,2\n"
-    assert refusal(tmp_path, text, "time=stamp[ms]").startswith("a.csv: the map names no signal besides the time")
+    assert refusal(tmp_path, text, "time=stamp[ms]").startswith("a.csv: the map names no signal other than the time")
     words = "t_s,state\n0,up\n1,down\n"
-    assert refusal(tmp_path, words).startswith("a.csv: no column of numbers besides the time")
+    assert refusal(tmp_path, words).startswith("a.csv: no column of numbers other than the time")
 
 
 def test_every_mistake_is_told_at_once(tmp_path: Path):

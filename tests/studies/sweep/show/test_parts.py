@@ -82,7 +82,7 @@ def test_of_many_equal_runs_twelve_are_shown_and_the_others_counted():
 @pytest.mark.parametrize(("best_at", "at_the_edge"), [(1, True), (2, False), (3, False), (4, True)])
 def test_the_best_at_the_end_of_a_range_is_said_to_be_at_the_edge(best_at: int, at_the_edge: bool):
     sweep = kept([held(n, float(n), 1.0 + abs(n - best_at), 1.0) for n in range(1, 5)])
-    assert ("; k_s at the edge of what was tried" in headline(sweep, ASKED.by)) == at_the_edge
+    assert ("; k_s at the edge of the range tried" in headline(sweep, ASKED.by)) == at_the_edge
 
 
 def test_a_run_that_failed_was_tried_and_of_two_values_none_is_an_edge():

@@ -121,7 +121,7 @@ def recording_from_log(log: Log) -> Recording:
     for name in dict.fromkeys(re.sub(r"\[\d+\]$", "", name) for name in log.series):
         topic, _, own = name.rpartition(".")
         if not messages.TOPIC_NAME.fullmatch(topic) or not messages.FIELD_NAME.fullmatch(own):
-            raise LogError(f"{log.path}: signal '{name}' is no TOPIC.FIELD; name it like lab.{own or 'F'} with --map")
+            raise LogError(f"{log.path}: signal '{name}' is not TOPIC.FIELD; name it like lab.{own or 'F'} with --map")
         one = log.vector(name) if name not in log.series else log[name]
         topics.setdefault(topic, []).append((own, one))
     return Recording(

@@ -210,7 +210,7 @@ def _read_topics(rows: BagDatabase, file: Path, size: int, columns: Mapping[str,
     for number, name, kind, form in rows.select("SELECT id, name, type, serialization_format FROM topics"):
         if not isinstance(number, int) or not all(isinstance(text, str) for text in (name, kind, form)):
             raise LogError(
-                f"{file}: topic {number} has a name, type or format that is no text, or no number; expected a bag"
+                f"{file}: topic {number} has a name, type or format that is neither text nor a number; expected a bag"
             )
         encoding, text = definitions.get(kind, ("", ""))
         schema = Schema(0, str(text or "").encode("utf-8", "replace"), str(encoding), kind)

@@ -86,7 +86,8 @@ def refuse_unit(where: str, name: str, got: str, wanted: str, column: str = "COL
         found, used = known_unit(got), known_unit(wanted)
         hint = weight_hint(found.dimension, used.dimension) if found and used else ""
         raise LogError(
-            f"{where} {name} is in '{got}', expected '{wanted}'{hint or ';'} say so with --map {name}={column}[UNIT]"
+            f"{where} {name} is in '{got}', expected '{wanted}'{hint or ';'} "
+            f"declare its unit with --map {name}={column}[UNIT]"
         )
 
 

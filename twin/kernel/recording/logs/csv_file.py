@@ -73,7 +73,7 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
     if mistakes or (others and not series):
         raise LogError("\n".join(dict.fromkeys([*mistakes, *others])))
     if not series:
-        why = "the map names no signal besides the time" if columns else "no column of numbers besides the time"
+        why = "the map names no signal other than the time" if columns else "no column of numbers other than the time"
         raise LogError(f"{path}: {why}; expected at least one")
     notes += [f"columns of words are left out: {', '.join(words)}"] if words else []
     notes += [f"left out: {text.removeprefix(str(path)).strip(': ')}" for text in others]

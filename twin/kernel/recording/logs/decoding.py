@@ -320,7 +320,7 @@ def _named_element(value: Any, rest: str, name: str, around: Sequence[Any]) -> t
                 if found is None:
                     raise UnknownElement(nearest(name, labels, "there are {}"))
                 return _element(value, list(labels).index(found)), found == rest
-    raise LookupError(f"an array without names beside it; {choice}")
+    raise LookupError(f"an array without names; {choice}")
 
 
 def _field_names(value: Any) -> Collection[str]:

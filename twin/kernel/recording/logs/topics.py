@@ -221,7 +221,7 @@ class TopicReading:
         if again := restart_index(t):
             instead = "leave out --map time=... to take log times" if self._by_stamp else "choose --map time=FIELD"
             raise LogError(
-                f"{where}: its {'stamps' if self._by_stamp else 'log times'} start anew at message "
+                f"{where}: its {'stamps' if self._by_stamp else 'log times'} restart at message "
                 f"{rows[again] + 1} of {len(self.t)}: from {t[again - 1]:.6f} s back to {t[again]:.6f} s; cut "
                 f"the log there, or {instead}"
             )
@@ -332,7 +332,7 @@ def clock_note(name: str, logged: NDArray[np.float64], stamps: NDArray[np.float6
     """Create the note that stamps are of another clock than the log's; empty if not. Times (n,), s, as logged."""
     if not by_stamp and (again := restart_index(stamps)):
         return (
-            f"the stamps of {name} start anew {logged[again] - logged[0]:.3f} s after its first message: "
+            f"the stamps of {name} restart {logged[again] - logged[0]:.3f} s after its first message: "
             f"from {stamps[again - 1]:.3f} s back to {stamps[again]:.3f} s"
         )
     delay = logged - stamps

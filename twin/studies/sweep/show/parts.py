@@ -279,7 +279,7 @@ def headline(sweep: SweepRows, by: str) -> str:
             text += f", equal to {count_text(equal, 'other')}" + (f" within {floor}" if floor else "")
         names = short_names(sweep.labels)
         if edges := [names[label] for label in ranking.at_edges(columns, sweep.labels, ranked[0])]:
-            text += f"; {', '.join(edges)} at the edge of what was tried"
+            text += f"; {', '.join(edges)} at the edge of the range tried"
         if by == SINCE_TOUCH and np.isnan(value(columns, HOLD_ERROR)).all():
             text += "; this is the error since the first touch, as no run has a hold error"
     elif len(columns):
