@@ -232,6 +232,18 @@ def test_a_reference_of_zero_has_no_measures():
     assert (found["hold_error"].value, found["hold_error"].reason) == (None, "the reference is 0 N")
 
 
+def test_a_negative_reference_and_one_that_never_rests_have_reasons_of_their_own():
+    F, on = np.full(1000, 2.0), np.ones(1000)
+    assert Rows(F, on, np.full(1000, -2.0)).measures()["hold_error"].reason == "the reference is negative"
+    ramp, ends = 5.0 + 0.01 * np.arange(1000), "the run ends before a force was held for 2 s"
+    moves = "the force loop or its reference changed within every 2 s"
+    assert Rows(F, on, ramp).measures()["hold_error"].reason == moves
+    assert Rows(F, np.arange(1000) < 100, np.full(1000, 5.0)).measures()["hold_error"].reason == moves
+    # the run ends a tick before the first held one
+    assert Rows(F[:200], on[:200], np.full(200, 5.0)).measures()["hold_error"].reason == ends
+    assert Rows(F[:201], on[:201], np.full(201, 5.0)).measures()["hold_error"].value == 3.0
+
+
 def test_a_reference_without_the_force_loop_is_none():
     found = Rows(np.full(1000, 2.0), np.zeros(1000), np.full(1000, 5.0)).measures()
     assert found["hold_error"].value is None

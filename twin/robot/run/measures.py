@@ -313,7 +313,11 @@ def _no_hold(hold: "HoldSums", run: RunOutcome) -> str:
         return "no task held a force" if known else "the controller reports no task and phase"
     if hold["s0"] < 0.0:
         return "the force loop is never on in contact"
-    return "the reference is 0 N" if hold["R_last"] <= 0.0 else "the run ends before a force was held for 2 s"
+    if hold["R_last"] <= 0.0:
+        return "the reference is 0 N" if hold["R_last"] == 0.0 else "the reference is negative"
+    if hold["rows"] - hold["s0"] > hold["grace"]:
+        return "the force loop or its reference changed within every 2 s"
+    return "the run ends before a force was held for 2 s"
 
 
 def missing_measures(reason: str) -> dict[str, MeasuredValue]:
