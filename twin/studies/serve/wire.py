@@ -177,9 +177,9 @@ class Wire:
             Policy.Reliability.Reliable(duration(seconds=MAX_BLOCKING_TIME)),
             Policy.Durability.Volatile,
         )
-        kept = Policy.History.KeepLast(QUEUE_DEPTH)
+        queue = Policy.History.KeepLast(QUEUE_DEPTH)
 
-        def writer(name: str, kind: str, history: Any = kept) -> Any:
+        def writer(name: str, kind: str, history: Any = queue) -> Any:
             return DataWriter(
                 self._participant, raw_topic(self._participant, name, kind), Qos(reliable, volatile, history)
             )
@@ -188,7 +188,7 @@ class Wire:
         self._applied = writer(APPLIED_TOPIC, messages.JOINT_STATE)
         self._wrench = writer(WRENCH_TOPIC, messages.WRENCH) if settings["has_scale"] else None
         self._clock = writer(CLOCK_TOPIC, messages.CLOCK, Policy.History.KeepLast(1)) if self._lockstep else None
-        wanted = Qos(reliable if self._lockstep else Policy.Reliability.BestEffort, volatile, kept)
+        wanted = Qos(reliable if self._lockstep else Policy.Reliability.BestEffort, volatile, queue)
         commands = raw_topic(self._participant, self.command_topic, self.command_type)
         self._reader: Any = DataReader(self._participant, commands, qos=wanted)
         self._waiting = WaitSet(self._participant)
