@@ -14,7 +14,7 @@ from twin.robot.remote import COMMAND_PORTS, SAMPLE_PORTS
 from twin.studies.serve import lockstep
 from twin.studies.serve.lockstep import START_STAMP, Lockstep
 from twin.studies.serve.messages import MotorCommand
-from twin.studies.serve.wire import EventLog, ReceivedCommand
+from twin.studies.serve.wire import ReceivedCommand, WireEvents
 
 TICK = 1e-3
 SPEEDS = np.array([1.0, 2.0, 3.0])
@@ -84,7 +84,7 @@ class Served:
         reporter: Any = self.notes
         made: Any = wire
         protocol = Lockstep(
-            made, Mailbox(self.notes.box, *sizes), EventLog(reporter), lambda text: self.notes.note(waiting=text),
+            made, Mailbox(self.notes.box, *sizes), WireEvents(reporter), lambda text: self.notes.note(waiting=text),
             TICK, stamped, answer,
         )  # fmt: skip
         self.summary: dict[str, Any] = {}

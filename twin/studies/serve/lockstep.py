@@ -19,7 +19,7 @@ from twin.kernel.process.mailbox import GIVE_UP_TAG, IGNORED_TAG, OBEYED_TAG, Ma
 from twin.studies.serve.messages import NS_PER_SECOND
 
 if TYPE_CHECKING:
-    from twin.studies.serve.wire import EventLog, ReceivedCommand, Wire
+    from twin.studies.serve.wire import ReceivedCommand, Wire, WireEvents
 
 START_STAMP = NS_PER_SECOND
 """Stamp of tick 0 (ns), since ROS reads time 0 as a clock that has not started."""
@@ -50,7 +50,7 @@ class Lockstep:
         self,
         wire: "Wire",
         mailbox: Mailbox,
-        events: "EventLog",
+        events: "WireEvents",
         report: Callable[[str], None],
         tick: float,
         stamped: bool,

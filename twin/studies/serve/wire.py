@@ -66,7 +66,7 @@ class ReceivedCommand(NamedTuple):
     command: MotorCommand
 
 
-class EventLog:
+class WireEvents:
     """Events of the wire, a limited number of each kind, and their counts.
 
     Args:
@@ -101,7 +101,7 @@ class Publishers:
         seen: number of publishers so far.
     """
 
-    def __init__(self, events: EventLog):
+    def __init__(self, events: WireEvents):
         self._events = events
         self.matched: list[int] = []
         self.seen = 0
@@ -148,7 +148,7 @@ class Wire:
         unwritten: number of messages that were not written since a reader was too slow.
     """
 
-    def __init__(self, settings: dict[str, Any], events: EventLog):
+    def __init__(self, settings: dict[str, Any], events: WireEvents):
         from cyclonedds.core import InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState, WaitSet
         from cyclonedds.domain import DomainParticipant
         from cyclonedds.pub import DataWriter
@@ -177,9 +177,9 @@ class Wire:
             Policy.Reliability.Reliable(duration(seconds=MAX_BLOCKING_TIME)),
             Policy.Durability.Volatile,
         )
-        kept = Policy.History.KeepLast(QUEUE_DEPTH)
+        queue = Policy.History.KeepLast(QUEUE_DEPTH)
 
-        def writer(name: str, kind: str, history: Any = kept) -> Any:
+        def writer(name: str, kind: str, history: Any = queue) -> Any:
             return DataWriter(
                 self._participant, raw_topic(self._participant, name, kind), Qos(reliable, volatile, history)
             )
@@ -188,7 +188,7 @@ class Wire:
         self._applied = writer(APPLIED_TOPIC, messages.JOINT_STATE)
         self._wrench = writer(WRENCH_TOPIC, messages.WRENCH) if settings["has_scale"] else None
         self._clock = writer(CLOCK_TOPIC, messages.CLOCK, Policy.History.KeepLast(1)) if self._lockstep else None
-        wanted = Qos(reliable if self._lockstep else Policy.Reliability.BestEffort, volatile, kept)
+        wanted = Qos(reliable if self._lockstep else Policy.Reliability.BestEffort, volatile, queue)
         commands = raw_topic(self._participant, self.command_topic, self.command_type)
         self._reader: Any = DataReader(self._participant, commands, qos=wanted)
         self._waiting = WaitSet(self._participant)
@@ -294,7 +294,7 @@ class FreeExchange:
         report: receives texts for the user while no command has arrived.
     """
 
-    def __init__(self, wire: Wire, mailbox: Mailbox, events: EventLog, report: Callable[[str], None]):
+    def __init__(self, wire: Wire, mailbox: Mailbox, events: WireEvents, report: Callable[[str], None]):
         self._wire, self._mailbox, self._events, self._report = wire, mailbox, events, report
         # stamps are wall time, by a clock that cannot be set back
         self._offset = time.time_ns() - time.monotonic_ns()
@@ -423,7 +423,7 @@ def exchange(reporter: PipeReporter, settings: dict[str, Any]) -> dict[str, Any]
             command_topic ("" for the default), domain (None for ROS_DOMAIN_ID), tick_s, counts_m and counts_l per turn,
             has_effort, has_scale.
     """
-    events = EventLog(reporter)
+    events = WireEvents(reporter)
     wire = Wire(settings, events)
     mailbox = Mailbox(reporter.box, width(SAMPLE_PORTS), width(COMMAND_PORTS))
 
