@@ -61,6 +61,7 @@ def test_a_sleeping_reader_is_woken(ends: tuple[Mailbox, Mailbox]):
     there.commands.put(1, [0.0, 0.0, 0.0])
     reader.join(60.0)
     entry, read = found[0]
+    assert entry is not None
     # it looks every 20 ms at the latest; woken it takes far less
     assert read - entry.time < 15e6
 

@@ -9,8 +9,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-RECEIVER_PRIORITY, WORKER_PRIORITY, HELPER_PRIORITY = 20, 10, 5
-"""SCHED_FIFO priorities of threads that receive messages, of threads that process them, and of their helpers."""
+SOURCE_PRIORITY, RECEIVER_PRIORITY, WORKER_PRIORITY = 40, 20, 10
+"""SCHED_FIFO priorities: of a paced simulation to which other programs listen, of threads that receive messages, and of
+threads that process them. The source needs little time, and all others wait for it."""
+HELPER_DISTANCE = 5
+"""Difference of the SCHED_FIFO priorities of a thread and its helper."""
 SWITCH_INTERVAL = 2e-5
 """Interpreter switch interval (s) of two threads on one processor; Python's default is 5 ms."""
 PARALLEL_SWITCH_INTERVAL = 1e-4
@@ -20,21 +23,23 @@ _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 
 
 @contextmanager
-def real_time(first: int | None = None) -> Iterator[str]:
+def real_time(
+    first: int | None = None, priority: int = WORKER_PRIORITY, switch_interval: float = PARALLEL_SWITCH_INTERVAL
+) -> Iterator[str]:
     """Run the block with real-time priority, locked memory and a short interpreter switch interval.
 
-    Existing threads get SCHED_FIFO priority RECEIVER_PRIORITY, the calling thread WORKER_PRIORITY; threads started
-    later stay SCHED_OTHER. The Python thread with the native id `first`, if any, shares the caller's processor: while
-    it has work the caller does not run, and so does not compete for the GIL. Yields why real time is not permitted, as
-    a sentence; "" if it is.
+    Existing threads get SCHED_FIFO priority RECEIVER_PRIORITY, the calling thread `priority`; threads started later
+    stay SCHED_OTHER. The Python thread with the native id `first`, if any, shares the caller's processor: while it has
+    work the caller does not run, and so does not compete for the GIL; without it the interpreter switches threads after
+    `switch_interval` (s). Yields why real time is not permitted, as a sentence; "" if it is.
     """
     turns = sys.getswitchinterval()
-    refused = [why for why in (_raise_priority(), _lock_memory()) if why]
+    refused = [why for why in (_raise_priority(priority), _lock_memory()) if why]
     # freeze existing objects: a collection through all of them takes tens of milliseconds
     gc.collect()
     gc.freeze()
     processors = _share_processor(first) if first and not refused else set()
-    sys.setswitchinterval(SWITCH_INTERVAL if processors else PARALLEL_SWITCH_INTERVAL)
+    sys.setswitchinterval(SWITCH_INTERVAL if processors else switch_interval)
     try:
         yield f"not in real time: {'; '.join(refused)}" if refused else ""
     finally:
@@ -48,14 +53,15 @@ def real_time(first: int | None = None) -> Iterator[str]:
 
 
 def share_priority(thread: int) -> None:
-    """Give the thread `thread` (native id) HELPER_PRIORITY if the calling thread has real-time priority.
+    """Give the thread `thread` (native id) a priority below the calling thread's if that has real-time priority.
 
     A helper with normal priority that holds the GIL could be kept from running by other processes, and the caller with
     it.
     """
     if sys.platform == "linux" and os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO:
         with suppress(ProcessLookupError, PermissionError):
-            os.sched_setscheduler(thread, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(HELPER_PRIORITY))
+            lower = os.sched_param(os.sched_getparam(0).sched_priority - HELPER_DISTANCE)
+            os.sched_setscheduler(thread, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, lower)
 
 
 def _share_processor(first: int) -> set[int]:
@@ -73,7 +79,7 @@ def _threads() -> list[int]:
     return [int(one.name) for one in Path("/proc/self/task").iterdir()]
 
 
-def _raise_priority() -> str:
+def _raise_priority(priority: int) -> str:
     if sys.platform != "linux":
         return f"SCHED_FIFO is not known on {sys.platform}"
     policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
@@ -81,7 +87,7 @@ def _raise_priority() -> str:
         for thread in _threads():
             with suppress(ProcessLookupError):
                 os.sched_setscheduler(thread, policy, os.sched_param(RECEIVER_PRIORITY))
-        os.sched_setscheduler(0, policy, os.sched_param(WORKER_PRIORITY))
+        os.sched_setscheduler(0, policy, os.sched_param(priority))
     except PermissionError:
         return "SCHED_FIFO is not allowed (CAP_SYS_NICE or ulimit -r 20)"
     return ""

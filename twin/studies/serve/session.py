@@ -22,7 +22,7 @@ from twin.kernel.process.guard import POLL_INTERVAL, raise_failure
 from twin.kernel.process.job import JobLimits, recording_status
 from twin.kernel.process.mailbox import OBEYED_TAG, Mailbox, MailboxEntry
 from twin.kernel.process.process import GuardedProcess
-from twin.kernel.process.real_time import real_time
+from twin.kernel.process.real_time import SOURCE_PRIORITY, real_time
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.recording.folder import claim_run_folder, create_run_folder, discard_run_folder
 from twin.kernel.recording.messages import Field, Topic
@@ -332,7 +332,7 @@ def _execute(
         apart: timeout (s) of a call into drives in processes of their own; None for drives in this process.
     """
     with ExitStack() as stack:
-        if not robot.link.lockstep and (refused := stack.enter_context(real_time())):
+        if not robot.link.lockstep and (refused := stack.enter_context(real_time(priority=SOURCE_PRIORITY))):
             say(refused)
         viewer = None
         maker: DriveMaker = IN_PROCESS_MAKER

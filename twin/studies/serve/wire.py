@@ -316,8 +316,9 @@ class FreeExchange:
         ]
         for one in threads:
             one.start()
-        # existing threads get the higher priority; they are not pinned, since others of twin share the machine
-        with real_time() as refused:
+        # existing threads get the higher priority; they are not pinned, since others of twin share the machine. Each is
+        # done in less than the interval and then waits: switching in the middle doubles the processor time of both
+        with real_time(switch_interval=WAIT_TIMEOUT) as refused:
             while not self._mailbox.closed and self._failure is None:
                 time.sleep(WAIT_TIMEOUT)
                 if not self._commands and time.monotonic() > reported + REPORT_PERIOD:
