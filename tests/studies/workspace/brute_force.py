@@ -41,7 +41,7 @@ class BruteRobot:
         self.out = np.column_stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS), zero])
         self.aside = np.column_stack([-np.sin(AZIMUTHS), np.cos(AZIMUTHS), zero])
         self.base = plant.a * self.out
-        self.side = np.sign(np.linalg.det(self.rods(home, self._at(home))))
+        self.side = np.sign(np.linalg.det(self.rods(home, self.pose_angles(home))))
 
     def knee(self, leg: int, theta: Numbers | float) -> Numbers:
         """Return the knee (..., 3) in m at joint angles (...)."""
@@ -70,7 +70,8 @@ class BruteRobot:
             # the outward knee is on the far side of the line from base joint to platform joint
             line = joint - self.base[leg]
             normal = np.array([-line[2] * self.out[leg, 0], -line[2] * self.out[leg, 1], line @ self.out[leg]])
-            found.append(max(roots, key=lambda theta, leg=leg, n=normal: (self.knee(leg, theta) - self.base[leg]) @ n))
+            sides = [(self.knee(leg, theta) - self.base[leg]) @ normal for theta in roots]
+            found.append(roots[int(np.argmax(sides))])
         return np.array(found)
 
     def rods(self, p_B: Numbers, theta: Numbers) -> Numbers:
@@ -82,6 +83,7 @@ class BruteRobot:
         theta, c = self.angles(p_B), self.plant
         if theta is None:
             return False
+        assert c.ball_joint_limit is not None
         rods = self.rods(p_B, theta)
         if np.sign(np.linalg.det(rods)) != self.side:
             return False
@@ -96,6 +98,7 @@ class BruteRobot:
     def clearance(self, p_B: Numbers, theta: Numbers) -> float:
         """Return the smallest distance (m) between bars of different legs, over points sampled along them."""
         c, joints, share = self.plant, self.platform_joints(p_B), np.linspace(0.0, 1.0, POINTS_PER_BAR)[:, None]
+        assert c.rod_spacing is not None and c.link_diameter is not None and c.rod_diameter is not None
         points, radii = [], []
         for leg in range(3):
             knee, off = self.knee(leg, theta[leg]), 0.5 * c.rod_spacing * self.aside[leg]
@@ -112,12 +115,14 @@ class BruteRobot:
 
     def angle_rates(self, p_B: Numbers) -> Numbers:
         """Return d theta_i / d p_j (3, 3) in rad/m, by differences."""
-        columns = [(self._at(p_B + STEP * e) - self._at(p_B - STEP * e)) / (2.0 * STEP) for e in np.eye(3)]
+        columns = [
+            (self.pose_angles(p_B + STEP * e) - self.pose_angles(p_B - STEP * e)) / (2.0 * STEP) for e in np.eye(3)
+        ]
         return np.column_stack(columns)
 
     def height_energy(self, p_B: Numbers) -> float:
         """Return the potential energy (J) of links, uniform rods and platform."""
-        theta, c = self._at(p_B), self.plant
+        theta, c = self.pose_angles(p_B), self.plant
         knees = np.array([self.knee(leg, theta[leg]) for leg in range(3)])
         joints = self.platform_joints(p_B)
         heights = c.m_a * 0.5 * knees[:, 2] + c.m_b * 0.5 * (knees[:, 2] + joints[:, 2])
@@ -125,7 +130,7 @@ class BruteRobot:
 
     def moving_mass(self, p_B: Numbers, way: Numbers) -> float:
         """Return twice the kinetic energy (J) at a platform velocity of 1 m/s along `way`, (3,)."""
-        c, ends = self.plant, [self._at(p_B + s * STEP * way) for s in (1.0, -1.0)]
+        c, ends = self.plant, [self.pose_angles(p_B + s * STEP * way) for s in (1.0, -1.0)]
         mass = c.m_p
         for leg in range(3):
             rate = (ends[0][leg] - ends[1][leg]) / (2.0 * STEP)
@@ -138,18 +143,18 @@ class BruteRobot:
     def spring_energy(self, p_B: Numbers, rest: Numbers) -> float:
         """Return the energy (J) of the springs with the motors held where they are slack at angles `rest`."""
         c = self.plant
-        return 0.5 * c.k_s * c.N**2 * c.eta * float(np.sum((self._at(p_B) - rest) ** 2))
+        return 0.5 * c.k_s * c.N**2 * c.eta * float(np.sum((self.pose_angles(p_B) - rest) ** 2))
 
     def deflected(self, p_B: Numbers, force: Numbers) -> Numbers:
         """Return the platform position under a force (N), motors held with slack springs at `p_B`, by descent."""
-        rest, place = self._at(p_B), p_B.copy()
+        rest, place = self.pose_angles(p_B), p_B.copy()
         stiffness = self._curvature(lambda p: self.spring_energy(p, rest), p_B)
         for _ in range(ITERATIONS):
             pull = np.array([self._slope(lambda p: self.spring_energy(p, rest), place, e) for e in np.eye(3)])
             place = place + np.linalg.solve(stiffness, force - pull)
         return place
 
-    def _at(self, p_B: Numbers) -> Numbers:
+    def pose_angles(self, p_B: Numbers) -> Numbers:
         theta = self.angles(p_B)
         assert theta is not None
         return theta

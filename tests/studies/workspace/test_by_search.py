@@ -66,10 +66,10 @@ def test_the_cylinder_is_free_and_a_wider_one_is_not(name: str):
 def test_the_smallest_force_turns_a_joint_by_one_count(name: str):
     found, brute = robot(name)
     pose, count = np.array(found.pose), 2.0 * math.pi / brute.plant.joint_counts_per_turn
-    rest = brute.angles(pose)
+    rest = brute.pose_angles(pose)
     for axis, force in zip(AXES, found.smallest_force, strict=True):
         grid = np.linspace(0.95, 1.05, 11)
-        turned = [np.abs(brute.angles(brute.deflected(pose, s * force * axis)) - rest).max() for s in grid]
+        turned = [np.abs(brute.pose_angles(brute.deflected(pose, s * force * axis)) - rest).max() for s in grid]
         first = grid[np.flatnonzero(np.array(turned) >= count)[0]]
         # one step of the grid, and the bend of the springs' law over a count
         assert first == pytest.approx(1.0, abs=0.011)
@@ -79,7 +79,7 @@ def test_the_smallest_force_turns_a_joint_by_one_count(name: str):
 def test_stiffness_and_weight_follow_from_energies(name: str):
     found, brute = robot(name)
     pose, d = np.array(found.pose), 1e-4
-    rest = brute.angles(pose)
+    rest = brute.pose_angles(pose)
     for axis, stiffness in zip(AXES, found.stiffness, strict=True):
         energy = 0.5 * sum(brute.spring_energy(pose + way * d * axis, rest) for way in (1.0, -1.0))
         assert 2.0 * energy / d**2 == pytest.approx(stiffness, rel=1e-3)
