@@ -71,7 +71,8 @@ def test_a_force_in_another_unit_is_told(tmp_path: Path, text: str):
     said = refused(tmp_path / "a.csv", text.replace("scale.F_z_N", "scale.F_z_mm"))
     assert "scale.F_z is in 'm', expected 'N'; declare its unit with --map" in said
     said = refused(tmp_path / "a.csv", text.replace("scale.F_z_N", "scale.F_z_g"))
-    assert "scale.F_z is in 'kg', expected 'N'; grams are a mass: did you mean gf (or kgf)? declare its unit with --map" in said
+    grams = "grams are a mass: did you mean gf (or kgf)? declare its unit with --map"
+    assert f"scale.F_z is in 'kg', expected 'N'; {grams}" in said
 
 
 def test_a_field_that_is_no_number_is_told_with_its_line(tmp_path: Path, text: str):
