@@ -44,7 +44,7 @@ def test_a_drive_that_does_not_fit_is_exit_code_2(root: Path, tmp_path: Path):
 def test_info_lists_what_there_is_where_roles_are_unclear(root: Path, tmp_path: Path):
     fmu = root / "fmus/modelica_dc/modelica_dc.fmu"
     done = twin("drive", "info", fmu, cwd=tmp_path)
-    assert done.returncode == 2 and "cannot tell which of its variables is omega_ref" in done.stderr
+    assert done.returncode == 2 and "undecided which of its variables is omega_ref" in done.stderr
     heads = [line for line in done.stdout.splitlines() if line.startswith("modelica_dc.fmu: ")]
     assert [head.partition(": ")[2] for head in heads] == ["3 inputs", "1 output", "2 local variables"]
     assert "  v_f " in done.stdout and "  theta_m " in done.stdout and "[N.m]" in done.stdout

@@ -216,15 +216,15 @@ FRONT = {"version": 1, "tick": 3, "pieces": [], "inside": [], "about": {}}
         (saved_at(4).to_bytes()[:-9], "does not decompress|damaged"),
         (zstandard.compress(b"x"), "a state of 1 bytes"),
         (zstandard.compress(bytes(8) + b"{"), "the state's description"),
-        (written([]), "no state that twin saved"),
+        (written([]), "not a state that twin saved"),
         (written({**FRONT, "version": 2}), "a state of version 2; this twin reads 1"),
         (written({**FRONT, "tick": -1}), "tick -1"),
         (written({**FRONT, "tick": "now"}), "tick 'now'"),
-        (written({**FRONT, "about": 3}), "no state that twin saved"),
+        (written({**FRONT, "about": 3}), "not a state that twin saved"),
         (written({**FRONT, "pieces": [["a", "b", "<f8", [2], 16]]}, bytes(8)), "damaged: a.b"),
         (written({**FRONT, "pieces": [["a", "b", "<f8", [-1], 8]]}, bytes(8)), "damaged: a.b"),
         *(
-            (written({**FRONT, "pieces": [["a", "b", kind, [1], 8]]}, bytes(8)), "no state that twin saved")
+            (written({**FRONT, "pieces": [["a", "b", kind, [1], 8]]}, bytes(8)), "not a state that twin saved")
             for kind in ("nonsense", "<f3", "<?8", "<d3", "<f0", "|O8", "<U2", "<M8", "=f8 ")
         ),
     ],

@@ -303,7 +303,7 @@ def test_an_archive_that_is_none_another_one_and_settings_that_are_of_one_fmu_ar
     with pytest.raises(InputRefused, match=r"\[drive\] solver: each FMU of an SSP has its own"):
         plan_drive(drive.model_copy(update={"solver": "rk4"}))
     (tmp_path / "other").mkdir()
-    with pytest.raises(InputRefused, match="cannot tell which of its variables is theta_m"):
+    with pytest.raises(InputRefused, match="undecided which of its variables is theta_m"):
         plan_drive(load_drive(str(servo(tmp_path / "other", ("rad/s", "N.m", "V", "V"))), tmp_path))
 
 

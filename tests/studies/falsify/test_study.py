@@ -102,7 +102,7 @@ def test_a_run_that_a_failed_component_ends_is_not_kept(tmp_path: Path):
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({"requirements": []}, "nothing is required of it; say --requirement"),
+        ({"requirements": []}, "it has no requirement; give --requirement"),
         ({"requirements": ["always (plant.F_e <= 1 N)"]}, "no such signal as plant.F_e; did you mean .*'plant.F_ee_B'"),
         ({"requirements": ["always (|plant.F_ee_B| <= 1 mm)"]}, "units differ: N and m"),
         ({"runs": 5}, "--runs 5: there are 35 kinds of fault"),

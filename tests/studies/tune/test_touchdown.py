@@ -121,7 +121,7 @@ def test_gains_whose_experiment_overshoots_are_exit_code_1(missing: str, tmp_pat
         assert "9.4 % (0.0 % before)" in " ".join(text.split())
         assert "GOALS NOT MET" in (tmp_path / "tuned.toml").read_text()
     else:
-        assert "no better gains were found than those of the file" in text
+        assert "no gains better than the file's were found" in text
     (run,) = done.facts["after"]["runs"]
     # keys of 1.0 beside the measures
     assert set(run) == {"drive", "force_error", "z_error", "trip", "measures"}

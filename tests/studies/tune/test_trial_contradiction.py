@@ -34,7 +34,7 @@ def test_a_step_as_predicted_contradicts_nothing():
 @pytest.mark.parametrize(
     ("different", "sentence"),
     [
-        ({"swing": 0.3}, "never comes to rest, it swings by 30 % of the step"),
+        ({"swing": 0.3}, "never settles; it swings by 30 % of the step"),
         ({"overshoot": 0.2}, "overshoots by 20 %"),
         ({"settling": math.inf, "bandwidth": math.nan}, "not within 5 % of its end after 8 s"),
     ],
