@@ -242,7 +242,7 @@ MEASURE_ROWS = (
                "rms distance of the true position from the reference in x and y", HELD_INTERVAL, _rms("lateral"), 2,
                LENGTH_FLOOR),
     MeasureRow("held_z_error", "z error while held", MM, "rms of the true z minus the commanded one",
-               HELD_INTERVAL, _rms("z"), 3, LENGTH_FLOOR),
+               HELD_INTERVAL, _rms("z"), 3, LENGTH_FLOOR, missing="the controller reports no commanded position"),
     MeasureRow("torque", "largest torque", NM, "largest motor torque of any drive", RUN_INTERVAL, _torque,
                share=EFFORT_SHARE),
     MeasureRow("current", "largest current", A, "largest current of any drive", RUN_INTERVAL,
@@ -354,9 +354,20 @@ def labelled_text(key: str, values: Values) -> str:
     return f"{ROWS_BY_KEY[key].text} {value_text(key, values)}"
 
 
+def drop_remark(values: Values) -> Values:
+    """Remove the remark on the hold error from the values of all measures."""
+    remark = values["hold_error"].reason
+    return {
+        key: MeasuredValue(one.value) if one.value is not None and one.reason == remark else one
+        for key, one in values.items()
+    }
+
+
 def first_measures(values: Values) -> list[str]:
-    """Format the measures of `HEADLINE_KEYS`, without those undefined for tasks."""
-    return [labelled_text(key, values) for key in HEADLINE_KEYS if values[key].reason != NOT_FOR_TASKS]
+    """Format the measures of `HEADLINE_KEYS`, without those undefined for tasks; a shared remark appears once."""
+    rest = drop_remark(values)
+    shown = [key for key in HEADLINE_KEYS if values[key].reason != NOT_FOR_TASKS]
+    return [labelled_text(key, rest if number else values) for number, key in enumerate(shown)]
 
 
 def measured_values(facts: Mapping[str, Mapping[str, Any]]) -> dict[str, MeasuredValue]:

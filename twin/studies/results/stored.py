@@ -256,7 +256,7 @@ def describe_differences(run: StoredRun, now: CurrentExperiments) -> tuple[dict[
     try:
         return now.differences(run), ""
     except TwinError as problem:
-        return {}, str(problem).splitlines()[0]
+        return {}, str(problem).splitlines()[0].removesuffix(":")
 
 
 Differences = Mapping[str, tuple[str, str]]
