@@ -70,10 +70,7 @@ def _hold(values: measures.Values) -> Iterator[str]:
     if error.value is None or begin.value is None or end.value is None:
         yield from wrap_text(f"none: {error.reason}", _row("held", ""))
     else:
-        # the remark on how they are measured follows the first one only
-        remark, values = error.reason, {key: _drop_remark(error.reason, one) for key, one in values.items()}
-        first = measures.first_measures(values)
-        first[0] += f" ({remark})" if remark else ""
+        first, values = measures.first_measures(values), measures.drop_remark(values)
         if values["chatter_frequency"].value is not None:
             first[-1] += f" at {measures.value_text('chatter_frequency', values)}"
         holds = values["holds"].value or 1.0
@@ -82,10 +79,6 @@ def _hold(values: measures.Values) -> Iterator[str]:
     # skip zeros: a robot that stays on its axis has no lateral error
     rest = (measures.labelled_text(key, values) for key in measures.SECOND_KEYS if (values[key].value or 0.0) > 1e-6)
     yield from wrap_text(", ".join(rest), _row("", ""))
-
-
-def _drop_remark(remark: str, one: measures.MeasuredValue) -> measures.MeasuredValue:
-    return measures.MeasuredValue(one.value) if one.value is not None and one.reason == remark else one
 
 
 def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> Iterator[str]:

@@ -9,7 +9,7 @@ import pytest
 
 from tests.studies.paper.fig5_recordings import pressed
 from twin.kernel.recording.reader import Recording, read
-from twin.report.page.run import ReportRun, measures, number_text, outcome_text
+from twin.report.page.run import ReportRun, key_measures, measures, number_text, outcome_text
 from twin.report.page.verdict import verdict
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
@@ -52,6 +52,9 @@ def test_a_run_that_ended_early_has_no_measures_but_the_reason(force_position: R
     part = ReportRun("", replace(force_position, complete=False, note="ends at 8 s"))
     found = {measure.text: measure for measure in measures(part)}
     assert np.isnan(found["hold error"].true) and found["hold error"].reason == "the run ended early"
+    assert verdict([part]).headline.startswith("Ends at 8 s; not scored: hold error (the run ended early)")
+    box = key_measures([part])[0][0]
+    assert (box.name, box.true_text) == ("hold error, the run ended early", "none")
 
 
 def test_there_is_no_belief_where_only_the_truth_is_measured(force_position: Recording):

@@ -14,7 +14,15 @@ from twin.kernel.recording.reader import read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.hold import HoldRequest
-from twin.robot.run.measures import HEADLINE_KEYS, MEASURE_ROWS, ROWS_BY_KEY, SECOND_KEYS, value_text, with_units
+from twin.robot.run.measures import (
+    HEADLINE_KEYS,
+    MEASURE_ROWS,
+    ROWS_BY_KEY,
+    SECOND_KEYS,
+    first_measures,
+    value_text,
+    with_units,
+)
 from twin.robot.run.outcome import Tally
 from twin.robot.run.run import Run, execute
 from twin.robot.run.trace import run_in_memory
@@ -247,6 +255,37 @@ def test_a_negative_reference_and_one_that_never_rests_have_reasons_of_their_own
 def test_a_reference_without_the_force_loop_is_none():
     found = Rows(np.full(1000, 2.0), np.zeros(1000), np.full(1000, 5.0)).measures()
     assert found["hold_error"].value is None
+
+
+class SomeRows(Rows):
+    """Rows of a third-party controller that lacks an output."""
+
+    lacks = ""
+
+    def has_output(self, end: str) -> bool:
+        return end != self.lacks and super().has_output(end)
+
+
+def test_without_a_trigger_a_run_is_judged_from_the_first_touch_on_and_the_reasons_say_so():
+    rows = SomeRows(np.where(np.arange(1000) < 100, 0.0, 4.5), np.zeros(1000), np.full(1000, 5.0))
+    rows.lacks = "controller.triggered"
+    found = rows.measures()
+    begin = found["hold_begin"].value
+    assert (found["hold_error"].value, begin) == pytest.approx((0.5, 3.0))
+    told_of = "hold error 0.500 N (judged from the first touch on, as the controller reports no trigger)"
+    # once, not beside each number
+    assert first_measures(found)[:2] == [told_of, "overshoot 0.0 %"]
+    for key in ("force_error", "early_trigger"):
+        assert (found[key].value, found[key].reason) == (None, "the controller reports no trigger")
+
+
+def test_without_a_reference_the_error_since_the_first_touch_is_none_and_not_nan():
+    rows = SomeRows(np.full(1000, 4.5), np.ones(1000), np.full(1000, 5.0))
+    rows.lacks = "controller.F_z_ref"
+    tally = Tally(rows, FORCE_LOOP)
+    tally.on_rows(0, rows.rows, [])
+    assert tally.outcome.force_error is None
+    assert tally.outcome.measures["force_error"].reason == "the controller reports no reference of the force"
 
 
 def test_every_measure_has_one_key_one_column_and_a_sentence():

@@ -110,6 +110,26 @@ def test_a_recording_has_no_path_of_the_drive_that_was_typed(own: tuple[Path, li
     assert "dc motor.fmu" in told_of and "my lab's" not in told_of
 
 
+def test_a_run_is_compared_with_the_files_that_were_typed(own: tuple[Path, list[str]], tmp_path: Path):
+    home = tmp_path / "home"
+    shutil.copytree(own[0], home, symlinks=True)
+    told_of = told(cwd=home).stdout
+    assert "not compared" not in told_of and " was " not in told_of
+    # another file of that name in the current folder is not meant
+    (home / "press here.toml").write_text("a secret")
+    file = home / "my lab's/press here.toml"
+    file.write_text(file.read_text().replace("0.2", "0.3"))
+    assert "      duration_s was 0.2, is 0.3 now" in told(cwd=home).stdout.splitlines()
+
+
+def test_a_run_of_ones_own_controller_is_compared_from_the_folder_where_it_was_typed(tmp_path: Path, root: Path):
+    (tmp_path / "laws").mkdir()
+    shutil.copyfile(root / "examples/my_controller.py", tmp_path / "laws/mine.py")
+    words = ("fig4_force_position", "--set", "controller.python=laws/mine.py:Controller", *SHORT)
+    assert twin("run", *words, cwd=tmp_path).returncode == 0
+    assert "not compared" not in told(cwd=tmp_path).stdout
+
+
 @pytest.mark.parametrize("typed", [["mine", "--out", "/elsewhere"], ["--help"], ["mine", "--set"], [3], "mine", []])
 def test_a_forged_summary_adds_no_other_option_to_the_command(home: Path, typed: Any):
     (run,) = [run for run in stored_runs(home / "results") if run.start_options]

@@ -212,7 +212,8 @@ def scored_values(run: ReportRun) -> dict[str, float]:
 def key_measures(runs: Sequence[ReportRun]) -> list[list[RunMeasure]]:
     """Return the key numbers of each run for the report: the first of `KEY_MEASURES` that all runs have.
 
-    If a force is held, first measures without a value count too, such as chatter below the reporting threshold.
+    The hold error without a value counts too, and if a force is held, the other first measures, such as chatter below
+    the reporting threshold.
     """
     found = [{name: m for m in run.measures for name in (m.short, m.text) if name and _is_key(m, run)} for run in runs]
     shared = [name for name in KEY_MEASURES if all(name in own for own in found)][
@@ -223,7 +224,8 @@ def key_measures(runs: Sequence[ReportRun]) -> list[list[RunMeasure]]:
 
 def _is_key(measure: RunMeasure, run: ReportRun) -> bool:
     held = bool(run.outcome) and run.outcome["hold_error"].value is not None
-    missing = held and measure.text in KEY_MEASURES[: len(HEADLINE_KEYS)] and measure.reason != NOT_FOR_TASKS
+    named = KEY_MEASURES[: len(HEADLINE_KEYS) if held else 1]
+    missing = measure.text in named and measure.reason not in (NOT_FOR_TASKS, NO_FORCE_LOOP)
     return missing or not math.isnan(measure.true)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import Recording
 from twin.report.page.run import ReportRun, outcome_text, scored_values, unscored_reasons
+from twin.robot.run.measures import ROWS_BY_KEY
 from twin.studies.metrics.standing import compare_single_runs
 from twin.studies.paper import fig4_measures
 from twin.studies.paper.claim import OWN_CHECKS, PAPER_CLAIMS, ClaimFinding, failed_keys, judge_claim, tally
@@ -121,8 +122,9 @@ def comparison_sentences(runs: Sequence[ReportRun]) -> list[str]:
 
 
 def unscored_sentences(runs: Sequence[ReportRun]) -> list[str]:
-    """Describe the measures that a run lacks although another has them, or for want of a series: a loss may hide."""
-    known = {name for run in runs for name in scored_values(run)}
+    """Describe the hold error and the measures that a run lacks although another has them, or for want of a series."""
+    # a missing measure may hide a loss
+    known = {ROWS_BY_KEY["hold_error"].text, *(name for run in runs for name in scored_values(run))}
     return [
         f"not scored{f' of {run.label}' if len(runs) > 1 else ''}: {', '.join(names)} ({why})"
         for run in runs

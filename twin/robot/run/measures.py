@@ -35,6 +35,10 @@ HELD_INTERVAL = "while a force is held"
 RUN_INTERVAL = "the run, until the safety monitor trips"
 WHOLE_INTERVAL = "the whole run"
 NO_OUTPUT = "no output of these drives"
+NO_TRIGGER = "the controller reports no trigger"
+NO_REFERENCE = "the controller reports no reference of the force"
+FROM_TOUCH = f"judged from the first touch on, as {NO_TRIGGER}"
+"""Remark on the measures of a held force of a third-party controller without `triggered`."""
 HEADLINE_KEYS = ("hold_error", "hold_overshoot", "hold_settling_time", "chatter")
 """Measures printed first."""
 SECOND_KEYS = ("held_lateral_error", "held_z_error", "torque", "current", "shaft_work")
@@ -101,7 +105,8 @@ class RunOutcome:
         end: mean pressing force of the last second (N).
         end_x, end_y: mean force along x and y, by the robot on its surroundings, of the last second (N).
         force_error: rms of the pressing force minus its reference while the force loop is on (N), from the first touch
-            on, as a robot in the air has no force to hold. None if the loop never was on or nothing was touched.
+            on, as a robot in the air has no force to hold. None if the loop never was on, nothing was touched, or a
+            third-party controller reports no trigger or no reference.
         lateral_error, z_error: rms deviation from the pre-defined reference, in x and y together, and in z (m). None if
             a third-party controller reports no reference.
         early_trigger: time with the force loop on before the first touch (s), or before the end without a touch; 0 if
@@ -188,6 +193,16 @@ def _torque(hold: "HoldSums", run: RunOutcome) -> Value:
     return MeasuredValue(hold["load"], "load of the springs; these drives report no motor torque")
 
 
+def _force_error(hold: "HoldSums", run: RunOutcome) -> Value:
+    if not hold.has("controller.triggered"):
+        return MeasuredValue(None, NO_TRIGGER)
+    return run.force_error if hold.has("controller.F_z_ref") else MeasuredValue(None, NO_REFERENCE)
+
+
+def _early_trigger(hold: "HoldSums", run: RunOutcome) -> Value:
+    return run.early_trigger if hold.has("controller.triggered") else MeasuredValue(None, NO_TRIGGER)
+
+
 def _reported_value(largest: float) -> float | None:
     return largest if largest >= 0.0 else None
 
@@ -227,7 +242,7 @@ MEASURE_ROWS = (
                "rms distance of the true position from the reference in x and y", HELD_INTERVAL, _rms("lateral"), 2,
                LENGTH_FLOOR),
     MeasureRow("held_z_error", "z error while held", MM, "rms of the true z minus the commanded one",
-               HELD_INTERVAL, _rms("z"), 3, LENGTH_FLOOR),
+               HELD_INTERVAL, _rms("z"), 3, LENGTH_FLOOR, missing="the controller reports no commanded position"),
     MeasureRow("torque", "largest torque", NM, "largest motor torque of any drive", RUN_INTERVAL, _torque,
                share=EFFORT_SHARE),
     MeasureRow("current", "largest current", A, "largest current of any drive", RUN_INTERVAL,
@@ -251,7 +266,7 @@ MEASURE_ROWS = (
                HELD_INTERVAL, lambda hold, run: hold.felt_stiffness, 0, share=EFFORT_SHARE,
                missing="the robot is not known"),
     MeasureRow("force_error", "error since the first touch", N, "rms of the true pressing force minus its reference",
-               "from the first touch on, force loop on", lambda hold, run: run.force_error, 2, FORCE_FLOOR,
+               "from the first touch on, force loop on", _force_error, 2, FORCE_FLOOR,
                missing="no touch with the force loop on"),
     MeasureRow("peak", "largest force", N, "largest true pressing force", WHOLE_INTERVAL, lambda hold, run: run.peak, 2,
                FORCE_FLOOR),
@@ -265,7 +280,7 @@ MEASURE_ROWS = (
     MeasureRow("z_error", "z error", MM, "rms of the true z minus the pre-defined one, the indentation included",
                WHOLE_INTERVAL, lambda hold, run: run.z_error, 2, LENGTH_FLOOR),
     MeasureRow("early_trigger", "force loop on before the first touch", S, "time of the force loop in the air",
-               WHOLE_INTERVAL, lambda hold, run: run.early_trigger, missing="the force loop is never on"),
+               WHOLE_INTERVAL, _early_trigger, missing="the force loop is never on"),
 )  # fmt: skip
 """Every measure, in display order."""
 ROWS_BY_KEY = {measure.key: measure for measure in MEASURE_ROWS}
@@ -277,6 +292,7 @@ def compute_measures(hold: "HoldSums", run: RunOutcome) -> dict[str, MeasuredVal
     remark = ", ".join(
         text
         for text, applies in (
+            (FROM_TOUCH, not hold.request.forces and not hold.has("controller.triggered")),
             (f"recorded rows, every {1e3 * hold['dt']:g} ms", hold.request.thinned),
             ("until the safety monitor tripped", hold["tripped"] > 0.0),
         )
@@ -307,7 +323,7 @@ def _no_hold(hold: "HoldSums", run: RunOutcome) -> str:
     if hold["tripped"]:
         return "the safety monitor tripped before a force was held"
     if math.isnan(hold["R_last"]) and not forces:
-        return "the controller reports no reference of the force"
+        return NO_REFERENCE
     if forces:
         known = hold.has("controller.task") and hold.has("controller.phase")
         return "no task held a force" if known else "the controller reports no task and phase"
@@ -338,9 +354,20 @@ def labelled_text(key: str, values: Values) -> str:
     return f"{ROWS_BY_KEY[key].text} {value_text(key, values)}"
 
 
+def drop_remark(values: Values) -> Values:
+    """Remove the remark on the hold error from the values of all measures."""
+    remark = values["hold_error"].reason
+    return {
+        key: MeasuredValue(one.value) if one.value is not None and one.reason == remark else one
+        for key, one in values.items()
+    }
+
+
 def first_measures(values: Values) -> list[str]:
-    """Format the measures of `HEADLINE_KEYS`, without those undefined for tasks."""
-    return [labelled_text(key, values) for key in HEADLINE_KEYS if values[key].reason != NOT_FOR_TASKS]
+    """Format the measures of `HEADLINE_KEYS`, without those undefined for tasks; a shared remark appears once."""
+    rest = drop_remark(values)
+    shown = [key for key in HEADLINE_KEYS if values[key].reason != NOT_FOR_TASKS]
+    return [labelled_text(key, rest if number else values) for number, key in enumerate(shown)]
 
 
 def measured_values(facts: Mapping[str, Mapping[str, Any]]) -> dict[str, MeasuredValue]:

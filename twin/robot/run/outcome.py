@@ -131,14 +131,15 @@ class Tally(Observer):
         if self._filled:
             total._add(self._waiting[: self._filled], self._waiting_columns)
         x, y, z = total._squares / total._count
-        controlled = total._controlled
+        # NaN without a reference of the force
+        known = total._controlled and not math.isnan(total._force_squares)
         found = RunOutcome(
             peak=total._peak,
             peak_time=total._peak_tick * total._tick,
             end=float(np.mean(-total._last[:, 2])),
             end_x=float(np.mean(total._last[:, 0])),
             end_y=float(np.mean(total._last[:, 1])),
-            force_error=math.sqrt(total._force_squares / controlled) if controlled else None,
+            force_error=math.sqrt(total._force_squares / total._controlled) if known else None,
             lateral_error=None if math.isnan(x + y) else math.sqrt(x + y),
             z_error=None if math.isnan(z) else math.sqrt(z),
             early_trigger=total._early_trigger(),

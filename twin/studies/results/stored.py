@@ -217,23 +217,28 @@ class CurrentExperiments:
             TwinError: the run records no experiment, or the experiment is missing or invalid now.
         """
         then = recorded_comparable_values(DECLARED_TABLES, run.metadata, run.recording)
-        now = self._experiment_facts(recorded_name(run.metadata, run.recording), run.start_options)
+        now = self._experiment_facts(recorded_name(run.metadata, run.recording), run)
         if "controller" in run.metadata.get("substituted", {}):
             now = {key: value for key, value in now.items() if key in then or not key.startswith("controller.")}
         return {key: (values[0], values[1]) for key, values in differing_values([then, now]).items()}
 
-    def _experiment_facts(self, name: str, typed: Sequence[str]) -> dict[str, str]:
-        known = (name, *typed)
+    def _experiment_facts(self, name: str, run: StoredRun) -> dict[str, str]:
+        first, *words = run.words
+        # a summary that contradicts its recording names no file
+        typed = Path(first).name.removesuffix(".toml") == name and bool(words) == bool(run.start_options)
+        if not typed:
+            first, words = name, run.start_options
+        known = (first, *words)
         if known not in self._facts:
             given: dict[str, list[str]] = {}
-            for option, value in zip(typed[::2], typed[1::2], strict=True):
+            for option, value in zip(words[::2], words[1::2], strict=True):
                 given.setdefault(option, []).append(value)
             drive, body = (given.get(option, [None])[0] for option in ("--drive", "--body"))
-            file = experiment_file(name)
+            file = experiment_file(first)
             # A recorded name must not match another file in the current folder.
             if file.name != f"{name}.toml":
                 raise InputRefused(f"{name}: not a valid name of an experiment, and the recording has it")
-            if body and Path(body).name != body:
+            if body and Path(body).name != body and not typed:
                 raise InputRefused(f"its body {body} is named by a path, and only a name is looked up")
             experiment = load_experiment(file, given.get("--set", ()), drive, body)
             hashes = {fmu.path.name: fmu.sha256 for one in experiment.drives for fmu in fmus(one).values()}
@@ -251,7 +256,7 @@ def describe_differences(run: StoredRun, now: CurrentExperiments) -> tuple[dict[
     try:
         return now.differences(run), ""
     except TwinError as problem:
-        return {}, str(problem).splitlines()[0]
+        return {}, str(problem).splitlines()[0].removesuffix(":")
 
 
 Differences = Mapping[str, tuple[str, str]]
