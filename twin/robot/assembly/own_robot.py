@@ -200,6 +200,9 @@ def experiment_on_robot(robot: Path, start: str, overrides: Iterable[str] = (), 
     Raises:
         InputRefused: the robot cannot do the experiment, or a file is invalid.
     """
+    for name, table in read_source(robot).values.items():
+        if not isinstance(table, dict):
+            raise InputRefused(f"{robot}: [{name}] = {table!r}: expected a table")
     text = commented_experiment(DECLARED_TABLES, robot.name, shipped_experiment(start), robot, ROBOT_FILE)
     tables = dict(parse_toml(text, str(robot)))
     del tables["extends"]
