@@ -239,12 +239,19 @@ def test_without_cyclone_dds_the_command_names_the_package(tmp_path: Path, told:
     assert done.returncode == 2 and "twin serve: needs cyclonedds; pip install 'twin[shadow]'" in done.stderr
 
 
+def test_a_watchdog_may_have_infinite_time(tmp_path: Path, told: Any):
+    told()
+    done = served(tmp_path, "fig4_force_position", *SHORT, "--watchdog-ms", "inf", "--silence-ms", "inf")
+    assert done.returncode == 0, done.stderr
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["--check"], "--check: needs --lockstep"),
         (["--names", "a,b,c"], "--names a,b,c: expected six different names"),
         (["--command-topic", "speeds"], "--command-topic speeds: expected a topic that begins with /"),
+        (["--command-topic", "/my speeds"], "--command-topic /my speeds: expected a topic that begins with /"),
         (["--lockstep", "--answer-s", "0"], "--answer-s 0: expected a time > 0 s"),
         (["--baselines", "x"], "--baselines: needs --check"),
     ],

@@ -14,6 +14,7 @@ from tests.studies.serve.test_wire_lockstep import Notes
 from tests.studies.serve.test_wire_messages import JOINTS, MOTORS, array
 from tests.studies.shadow.conftest import LOOPBACK
 from twin.kernel.cosim.port import width
+from twin.kernel.errors import InputRefused
 from twin.kernel.process.mailbox import IGNORED_TAG, OBEYED_TAG, Mailbox
 from twin.kernel.recording.sources.ros_types import TYPE_STORE
 from twin.robot.remote import COMMAND_PORTS, SAMPLE_PORTS
@@ -298,3 +299,23 @@ def test_the_wait_names_both_sides_and_the_topics_that_are_there(started: Callab
     assert "/robot_joint_command (sensor_msgs/msg/JointState) has 0 writers" in text
     assert text.endswith("other topics here: /robot_joint_commands (sensor_msgs/msg/JointState)")
     assert other is not None and os.environ["CYCLONEDDS_URI"] == LOOPBACK
+
+
+def settings_of(domain: int, topic: str = "") -> dict[str, Any]:
+    return {
+        "lockstep": True, "names": JOINTS, "commands": "joint", "command_topic": topic, "domain": domain,
+        "tick_s": 1e-3, "counts_m": COUNTS_M, "counts_l": COUNTS_L, "has_effort": False, "has_scale": False,
+    }  # fmt: skip
+
+
+def test_a_topic_that_the_robot_publishes_takes_no_commands(domain: int):
+    events: Any = None
+    with pytest.raises(InputRefused, match="--command-topic /joint_states: twin serve publishes it"):
+        wire.Wire(settings_of(domain, "/joint_states"), events)
+
+
+def test_an_unusable_network_is_refused_by_its_setting(domain: int, monkeypatch: pytest.MonkeyPatch):
+    events: Any = None
+    monkeypatch.setenv("CYCLONEDDS_URI", "<Cyclo")
+    with pytest.raises(InputRefused, match=f"DDS cannot begin on domain {domain}; check CYCLONEDDS_URI"):
+        wire.Wire(settings_of(domain), events)

@@ -372,7 +372,9 @@ def wire_settings(experiment: Experiment, options: ServeOptions, effort: bool) -
 
 def exchange_lines(facts: Mapping[str, Any]) -> list[str]:
     """Format the facts about the exchange of a served run as lines."""
-    counts = [f"{facts['samples_written']} samples", f"{facts['commands_read']} commands"]
+    # a process of the topics that was ended has no summary
+    commands = facts.get("commands", facts["commands_read"])
+    counts = [f"{facts['samples_written']} samples", f"{commands} commands"]
     for key, text in (("superseded", "replaced before a tick"), ("invalid", "not a number")):
         counts += [f"{facts[key]} {text}"] if facts[key] else []
     counts += [f"{count} {reason}" for reason, count in facts.get("ignored", {}).items() if count]
