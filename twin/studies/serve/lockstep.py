@@ -125,11 +125,11 @@ class Lockstep:
         """Whether a command is not the answer to the sample with the stamp `stamp` (ns); counts it."""
         topic, own = self._wire.command_topic, received.command.stamp
         if not received.obeyed:
-            self._events.add("other publisher", f"{topic}: a second publisher; its command is not obeyed", tick)
+            self._note_foreign(tick)
         elif own is None or own == stamp:
             return False
         elif own == self._answered:
-            self._events.counts["second answer"] = self._events.counts.get("second answer", 0) + 1
+            self._count_second_answer()
         else:
             age = "older" if own < stamp else "newer"
             apart = 1e-9 * abs(own - stamp)
@@ -145,10 +145,20 @@ class Lockstep:
     def _count_extra(self, found: "Sequence[ReceivedCommand]") -> None:
         """Count commands that arrived while no sample awaited an answer."""
         for received in found:
-            self._events.counts["second answer"] = self._events.counts.get("second answer", 0) + 1
             self._mailbox.commands.put(-1, received.command.speeds, IGNORED_TAG)
-            if not self._stamped and received.obeyed:
+            if not received.obeyed:
+                self._note_foreign()
+                continue
+            self._count_second_answer()
+            if not self._stamped:
                 self._lose_determinism("a sample had a second answer")
+
+    def _note_foreign(self, tick: int = -1) -> None:
+        text = f"{self._wire.command_topic}: a second publisher; its command is not obeyed"
+        self._events.add("other publisher", text, tick)
+
+    def _count_second_answer(self) -> None:
+        self._events.counts["second answer"] = self._events.counts.get("second answer", 0) + 1
 
     def _lose_determinism(self, why: str) -> None:
         if self._deterministic:
