@@ -239,6 +239,12 @@ def test_without_cyclone_dds_the_command_names_the_package(tmp_path: Path, told:
     assert done.returncode == 2 and "twin serve: needs cyclonedds; pip install 'twin[shadow]'" in done.stderr
 
 
+def test_a_run_on_a_named_body_reports_the_height_of_its_surface(tmp_path: Path, told: Any):
+    told()
+    done = served(tmp_path, "fig4_force_position", *SHORT, "--lockstep", "--body", "forearm")
+    assert done.returncode == 0 and "surface at z = -101.0 mm, height_mm of " in " ".join(done.stdout.split())
+
+
 def test_a_watchdog_may_have_infinite_time(tmp_path: Path, told: Any):
     told()
     done = served(tmp_path, "fig4_force_position", *SHORT, "--watchdog-ms", "inf", "--silence-ms", "inf")

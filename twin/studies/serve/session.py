@@ -304,6 +304,7 @@ def served_run(
     facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
     facts["robot_values"] = robot_values(loaded.values, loaded.origins)
     facts["remarks"] = [
+        *loaded.remarks,
         *([run.punctuality.sentence] if run.punctuality else []),
         *(["changed while it ran: the experiment's file alone does not repeat it"] if run.changed else []),
     ]
