@@ -122,6 +122,7 @@ def test_a_process_of_the_topics_that_dies_ends_the_run_with_its_reason(tmp_path
     told(dies=100)
     done = served(tmp_path, "fig4_force_position", *SHORT, "--lockstep")
     assert done.returncode == 3 and "the process of the topics ended the process with exit(7)" in done.stderr
+    assert "\nRecorded until then: run/run.mcap.partial (0.099 s)." in done.stderr
     assert last_time(tmp_path / "run" / "run.mcap.partial") == pytest.approx(0.099)
 
 

@@ -18,7 +18,7 @@ from twin.kernel.cosim.port import width
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import ComponentFailed, EndRequest, InputRefused, SafetyTrip
 from twin.kernel.process.black_box import exit_phrase
-from twin.kernel.process.guard import POLL_INTERVAL, raise_failure
+from twin.kernel.process.guard import POLL_INTERVAL, JobFailure, raise_failure
 from twin.kernel.process.job import JobLimits, recording_status
 from twin.kernel.process.mailbox import OBEYED_TAG, Mailbox, MailboxEntry
 from twin.kernel.process.process import GuardedProcess
@@ -129,7 +129,7 @@ class WireProcess:
             self.summary = report.get("finished", self.summary)
         if self._process.gone and not self.summary:
             how, (*_, printed) = exit_phrase(self._process.end()), ["", *self._process.output_tail.strip().splitlines()]
-            raise ComponentFailed(f"the process of the topics {how}{f'; it printed: {printed}' if printed else ''}")
+            raise JobFailure(f"the process of the topics {how}{f'; it printed: {printed}' if printed else ''}")
 
     def finish(self) -> None:
         """End the exchange, and wait for its summary."""
