@@ -319,3 +319,18 @@ def test_an_unusable_network_is_refused_by_its_setting(domain: int, monkeypatch:
     monkeypatch.setenv("CYCLONEDDS_URI", "<Cyclo")
     with pytest.raises(InputRefused, match=f"DDS cannot begin on domain {domain}; check CYCLONEDDS_URI"):
         wire.Wire(settings_of(domain), events)
+
+
+def test_a_wait_reports_why_a_writer_of_commands_does_not_match(started: Callable[..., Robot], domain: int):
+    from cyclonedds.pub import DataWriter
+
+    robot, node = started(lockstep=True), Node(domain, reliable=False)
+    topic = wire.raw_topic(node._participant, COMMANDS, JOINT_STATE)
+    node._ends[COMMANDS] = DataWriter(node._participant, topic, qos=node._qos)
+    until(lambda: any("is best effort, expected reliable" in text for text in robot.notes.texts("waiting")))
+    node.close()
+    other = Node(domain)
+    topic = wire.raw_topic(other._participant, COMMANDS, SPEED_ARRAY)
+    other._ends[COMMANDS] = DataWriter(other._participant, topic, qos=other._qos)
+    until(lambda: any(f"does not match sends {SPEED_ARRAY}" in text for text in robot.notes.texts("waiting")))
+    other.close()

@@ -272,11 +272,16 @@ class Wire:
         readers = self._joint_states.get_matched_subscriptions()
         ends = [self._joint_states.get_matched_subscription_data(one) for one in readers]
         writers = [self._reader.get_matched_publication_data(one) for one in self._reader.get_matched_publications()]
-        own = {*PUBLISHED_TOPICS, self.command_topic}
-        others = [f"{name} ({kind})" for name, kind in self._discovery.topic_types().items() if name not in own]
+        kinds = self._discovery.topic_types()
+        ours = {*PUBLISHED_TOPICS, self.command_topic}
+        others = ", ".join(f"{name} ({kind})" for name, kind in kinds.items() if name not in ours)
+        unmatched = ""
+        if not writers and (kind := kinds.get(self.command_topic)):
+            why = f"sends {kind}" if kind != self.command_type else "is best effort, expected reliable"
+            unmatched = f" (one that does not match {why})"
         return (
             f"waiting for a controller: {JOINT_STATES_TOPIC} has {_listed('reader', ends)}, {self.command_topic} "
-            f"({self.command_type}) has {_listed('writer', writers)}; other topics here: {', '.join(others) or 'none'}"
+            f"({self.command_type}) has {_listed('writer', writers)}{unmatched}; other topics here: {others or 'none'}"
         )
 
     def ends(self) -> dict[str, int]:
