@@ -23,7 +23,7 @@ from twin.kernel.recording.sources.dds import RawMessage, TopicDiscovery, domain
 from twin.robot.remote import COMMAND_PORTS, SAMPLE_PORTS
 from twin.studies.result import count_text
 from twin.studies.serve import messages
-from twin.studies.serve.lockstep import Lockstep
+from twin.studies.serve.lockstep import REPORT_PERIOD, WAIT_TIMEOUT, Lockstep
 from twin.studies.serve.messages import MOTOR_COUNT, MessageTemplate, MotorCommand
 
 PUBLISHED_TOPICS = JOINT_STATES_TOPIC, WRENCH_TOPIC, APPLIED_TOPIC, CLOCK_TOPIC = (
@@ -42,12 +42,8 @@ MAX_BLOCKING_TIME = 0.1
 """Maximum time (s) that a reliable writer waits for a slow reader."""
 SILENCE_TIMEOUT = 1.0
 """Time (s) without a command of the obeyed publisher after which another one that sends is obeyed."""
-WAIT_TIMEOUT = 0.05
-"""Maximum time (s) of a wait for samples or messages, after which a thread checks whether the run has ended."""
 MAX_PENDING = 10_000
 """Maximum number of samples whose answers are awaited for the count of lost commands."""
-REPORT_PERIOD = 1.0
-"""Time (s) between two reports of a wait for a controller."""
 MAX_EVENTS = 10
 """Maximum number of recorded events per reason; later ones are only counted."""
 
