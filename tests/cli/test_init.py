@@ -66,6 +66,14 @@ def test_robot_and_experiment_are_written_at_once_wherever_the_experiment_is(tmp
     assert twin("run", "sub/press.toml", cwd=tmp_path).returncode == 0
 
 
+def test_an_experiment_that_exists_leaves_no_new_robot_behind(tmp_path: Path):
+    (tmp_path / "press.toml").write_text("")
+    done = twin("init", "press.toml", "--robot", "mine.toml", *LENGTHS, cwd=tmp_path)
+    assert done.returncode == 2 and "press.toml: exists" in done.stderr
+    done = twin("init", "mine.toml", "--robot", "mine.toml", *LENGTHS, cwd=tmp_path)
+    assert done.returncode == 2 and not (tmp_path / "mine.toml").exists()
+
+
 def test_a_robot_that_cannot_be_is_refused_in_one_sentence(tmp_path: Path):
     for words, told in (
         (

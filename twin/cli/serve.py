@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -32,6 +33,8 @@ from twin.studies.precheck import find_experiments
 
 SERVE_JOB = "twin.studies.serve.session:served_run"
 JOINT_NAMES = "m1,m2,m3,l1,l2,l3"
+TOPIC_PATTERN = "(/[A-Za-z_][A-Za-z0-9_]*)+"
+"""Regular expression of ROS 2 topic names."""
 
 
 @study(json=False, before=[find_experiments])
@@ -103,8 +106,10 @@ def serve(
     joints = [name.strip() for name in names.split(",")]
     if len(joints) != 6 or len(set(joints)) != 6 or not all(joints):
         raise InputRefused(f"--names {names}: expected six different names with commas, such as {JOINT_NAMES}")
-    if command_topic is not None and not command_topic.startswith("/"):
-        raise InputRefused(f"--command-topic {command_topic}: expected a topic that begins with /")
+    if command_topic is not None and not re.fullmatch(TOPIC_PATTERN, command_topic):
+        raise InputRefused(
+            f"--command-topic {command_topic}: expected a topic that begins with /, of letters, digits and _"
+        )
     if math.isinf(answer_s) or answer_s == 0.0:
         raise InputRefused(f"--answer-s {answer_s:g}: expected a time > 0 s")
     if find_spec("cyclonedds") is None:

@@ -50,6 +50,8 @@ def init(
             "--lengths-mm, --masses-g and --set describe a new robot; expected --robot my_robot.toml --lengths-mm a=80 "
             "b=35 l_a=100 l_b=180"
         )
+    if file and robot and lengths and (os.path.lexists(file) or file == robot):
+        raise InputRefused(f"{file}: exists, and is never overwritten; choose another name")
     new = start_robot(robot, lengths, masses, settings) if robot and lengths else []
     if robot and new and file is None:
         press = shlex.join(["twin", "init", "press.toml", "--robot", str(robot)])

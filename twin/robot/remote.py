@@ -60,6 +60,8 @@ EVENT_TEXTS = {
     RESUMED_EVENT: "commands arrive again",
     INVALID_EVENT: "a command that is not a number",
 }
+MAX_TICKS = 2**53
+"""Maximum time of the watchdog (ticks), also if it is infinite: an integer that every float can express."""
 MAX_EVENTS = 64
 """Maximum number of events between two slices; later ones are dropped."""
 GAVE_UP_STATUS, INTERRUPTED_STATUS = 2, 3
@@ -266,7 +268,7 @@ class RemoteController(NativeComponent):
         self._kernel, self._info, self._nap = syscall_numbers(), np.zeros(2, dtype=np.int64), timespec(SLEEP_INTERVAL)
         self._events = np.zeros((MAX_EVENTS, 2), dtype=np.int64)
         self._check = STEP_FUNCTION(lambda *_: self._call_check())
-        watchdog = 0 if link.lockstep else round(link.watchdog / tick)
+        watchdog = 0 if link.lockstep else round(min(link.watchdog / tick, MAX_TICKS))
         check = ctypes.cast(self._check, ctypes.c_void_p).value
         memory = memory_of(
             REMOTE_MEMORY, kernel=self._kernel.ctypes.data, info=self._info.ctypes.data, nap=self._nap.ctypes.data,

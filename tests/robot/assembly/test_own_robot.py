@@ -208,6 +208,14 @@ def test_an_invalid_height_in_a_robots_file_is_refused_by_name(tmp_path: Path, v
         start_on_robot(tmp_path / "press.toml", "pressing", path)
 
 
+@pytest.mark.parametrize("name", ["robot", "contact"])
+def test_a_value_in_the_place_of_a_table_is_refused_by_name(tmp_path: Path, name: str):
+    path = tmp_path / "mine.toml"
+    path.write_text(f'extends = "robots/massage_robot.toml"\n{name} = 3\n')
+    with pytest.raises(InputRefused, match=rf"mine.toml: \[{name}\] = 3: expected a table"):
+        start_on_robot(tmp_path / "press.toml", "pressing", path)
+
+
 def test_the_deflection_limit_leaves_room_for_a_heavy_robots_weight(tmp_path: Path):
     path = tmp_path / "heavy.toml"
     start_robot(path, ["a=84.2", "b=46.8", "l_a=152.5", "l_b=350.4"], ["m_a=356", "m_b=86.8", "m_p=457.6"])

@@ -122,6 +122,7 @@ def test_a_process_of_the_topics_that_dies_ends_the_run_with_its_reason(tmp_path
     told(dies=100)
     done = served(tmp_path, "fig4_force_position", *SHORT, "--lockstep")
     assert done.returncode == 3 and "the process of the topics ended the process with exit(7)" in done.stderr
+    assert "\nRecorded until then: run/run.mcap.partial (0.099 s)." in done.stderr
     assert last_time(tmp_path / "run" / "run.mcap.partial") == pytest.approx(0.099)
 
 
@@ -239,12 +240,25 @@ def test_without_cyclone_dds_the_command_names_the_package(tmp_path: Path, told:
     assert done.returncode == 2 and "twin serve: needs cyclonedds; pip install 'twin[shadow]'" in done.stderr
 
 
+def test_a_run_on_a_named_body_reports_the_height_of_its_surface(tmp_path: Path, told: Any):
+    told()
+    done = served(tmp_path, "fig4_force_position", *SHORT, "--lockstep", "--body", "forearm")
+    assert done.returncode == 0 and "surface at z = -101.0 mm, height_mm of " in " ".join(done.stdout.split())
+
+
+def test_a_watchdog_may_have_infinite_time(tmp_path: Path, told: Any):
+    told()
+    done = served(tmp_path, "fig4_force_position", *SHORT, "--watchdog-ms", "inf", "--silence-ms", "inf")
+    assert done.returncode == 0, done.stderr
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["--check"], "--check: needs --lockstep"),
         (["--names", "a,b,c"], "--names a,b,c: expected six different names"),
         (["--command-topic", "speeds"], "--command-topic speeds: expected a topic that begins with /"),
+        (["--command-topic", "/my speeds"], "--command-topic /my speeds: expected a topic that begins with /"),
         (["--lockstep", "--answer-s", "0"], "--answer-s 0: expected a time > 0 s"),
         (["--baselines", "x"], "--baselines: needs --check"),
     ],

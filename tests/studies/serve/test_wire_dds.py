@@ -14,6 +14,7 @@ from tests.studies.serve.test_wire_lockstep import Notes
 from tests.studies.serve.test_wire_messages import JOINTS, MOTORS, array
 from tests.studies.shadow.conftest import LOOPBACK
 from twin.kernel.cosim.port import width
+from twin.kernel.errors import InputRefused
 from twin.kernel.process.mailbox import IGNORED_TAG, OBEYED_TAG, Mailbox
 from twin.kernel.recording.sources.ros_types import TYPE_STORE
 from twin.robot.remote import COMMAND_PORTS, SAMPLE_PORTS
@@ -298,3 +299,38 @@ def test_the_wait_names_both_sides_and_the_topics_that_are_there(started: Callab
     assert "/robot_joint_command (sensor_msgs/msg/JointState) has 0 writers" in text
     assert text.endswith("other topics here: /robot_joint_commands (sensor_msgs/msg/JointState)")
     assert other is not None and os.environ["CYCLONEDDS_URI"] == LOOPBACK
+
+
+def settings_of(domain: int, topic: str = "") -> dict[str, Any]:
+    return {
+        "lockstep": True, "names": JOINTS, "commands": "joint", "command_topic": topic, "domain": domain,
+        "tick_s": 1e-3, "counts_m": COUNTS_M, "counts_l": COUNTS_L, "has_effort": False, "has_scale": False,
+    }  # fmt: skip
+
+
+def test_a_topic_that_the_robot_publishes_takes_no_commands(domain: int):
+    events: Any = None
+    with pytest.raises(InputRefused, match="--command-topic /joint_states: twin serve publishes it"):
+        wire.Wire(settings_of(domain, "/joint_states"), events)
+
+
+def test_an_unusable_network_is_refused_by_its_setting(domain: int, monkeypatch: pytest.MonkeyPatch):
+    events: Any = None
+    monkeypatch.setenv("CYCLONEDDS_URI", "<Cyclo")
+    with pytest.raises(InputRefused, match=f"DDS cannot begin on domain {domain}; check CYCLONEDDS_URI"):
+        wire.Wire(settings_of(domain), events)
+
+
+def test_a_wait_reports_why_a_writer_of_commands_does_not_match(started: Callable[..., Robot], domain: int):
+    from cyclonedds.pub import DataWriter
+
+    robot, node = started(lockstep=True), Node(domain, reliable=False)
+    topic = wire.raw_topic(node._participant, COMMANDS, JOINT_STATE)
+    node._ends[COMMANDS] = DataWriter(node._participant, topic, qos=node._qos)
+    until(lambda: any("is best effort, expected reliable" in text for text in robot.notes.texts("waiting")))
+    node.close()
+    other = Node(domain)
+    topic = wire.raw_topic(other._participant, COMMANDS, SPEED_ARRAY)
+    other._ends[COMMANDS] = DataWriter(other._participant, topic, qos=other._qos)
+    until(lambda: any(f"does not match sends {SPEED_ARRAY}" in text for text in robot.notes.texts("waiting")))
+    other.close()

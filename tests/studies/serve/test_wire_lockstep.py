@@ -38,6 +38,7 @@ class FakeWire:
     """A wire whose controller answers the samples with the commands that `answers` lists for each writing."""
 
     command_topic = "/robot_joint_command"
+    batch = 1
 
     def __init__(self, *answers: list[ReceivedCommand]):
         self._answers, self._queue = list(answers), list[ReceivedCommand]()
@@ -59,7 +60,7 @@ class FakeWire:
     def receive(self, wait: float) -> list[ReceivedCommand]:
         if wait == 0.0:
             return []
-        taken, self._queue = self._queue[:1], self._queue[1:]
+        taken, self._queue = self._queue[: self.batch], self._queue[self.batch :]
         return taken
 
     def waiting_text(self) -> str:
@@ -175,6 +176,16 @@ def test_unstamped_commands_answer_in_order_and_determinism_ends_with_a_repeated
     served.ask(1)
     assert not served.close()["deterministic"]
     assert any("not deterministic" in text for text in served.notes.texts("event"))
+
+
+def test_second_answers_that_arrive_together_with_the_first_are_counted():
+    wire = FakeWire([command(None), command(None, 9.0 * SPEEDS), command(None, obeyed=False)])
+    wire.batch = 3
+    served = Served(wire, stamped=False)
+    assert served.ask(0).values.tolist() == SPEEDS.tolist()
+    summary = served.close()
+    assert not summary["deterministic"]
+    assert summary["ignored"] == {"second answer": 1, "not deterministic": 1, "other publisher": 1}
 
 
 def test_no_sample_is_asked_for_before_both_sides_are_connected():

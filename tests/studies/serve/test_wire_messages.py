@@ -74,6 +74,13 @@ def test_an_array_has_three_numbers_and_no_stamp():
     assert read_command(array(1, 2), SPEED_ARRAY, MOTORS).mistake == "2 numbers, expected 3"
 
 
+def test_an_error_message_lists_a_few_names_only():
+    many = messages.joint_state(STAMP, ["m"] * 1000, velocity=np.zeros(1000))
+    assert read_command(many, JOINT_STATE, MOTORS).mistake == (
+        "1000 velocities of m, m, m, m, m, m, ...; expected m1, m2, m3"
+    )
+
+
 def test_published_messages_are_those_of_ros():
     found: Any = TYPE_STORE.deserialize_cdr(messages.wrench(STAMP, 5.0), messages.WRENCH)
     assert (found.header.frame_id, found.wrench.force.z) == ("base", -5.0)

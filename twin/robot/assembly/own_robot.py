@@ -26,7 +26,7 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.experiment_files import experiment_file
 from twin.robot.experiment.mistakes import MAX_LENGTH, MIN_LENGTH, check_table
 from twin.robot.experiment.robot_file import fit_to_robot
-from twin.robot.experiment.source import Source, apply_overrides, is_robot, read_source, toml_value
+from twin.robot.experiment.source import ROBOT_TABLES, Source, apply_overrides, is_robot, read_source, toml_value
 from twin.robot.experiment.template import (
     FIG4_EXPERIMENT,
     ROBOT_FILE,
@@ -200,6 +200,9 @@ def experiment_on_robot(robot: Path, start: str, overrides: Iterable[str] = (), 
     Raises:
         InputRefused: the robot cannot do the experiment, or a file is invalid.
     """
+    for name, table in read_source(robot).values.items():
+        if name in ROBOT_TABLES and not isinstance(table, dict):
+            raise InputRefused(f"{robot}: [{name}] = {table!r}: expected a table")
     text = commented_experiment(DECLARED_TABLES, robot.name, shipped_experiment(start), robot, ROBOT_FILE)
     tables = dict(parse_toml(text, str(robot)))
     del tables["extends"]

@@ -10,7 +10,7 @@
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -71,7 +71,7 @@ class Lockstep:
         while not self._mailbox.closed:
             entry = self._mailbox.samples.pop(WAIT_TIMEOUT)
             if entry is None:
-                self._drain()
+                self._count_extra(self._wire.receive(0.0))
             elif not self._exchange(entry):
                 break
         return {
@@ -82,13 +82,14 @@ class Lockstep:
     def _exchange(self, entry: MailboxEntry) -> bool:
         """Write a sample and wait for its answer; return whether the run continues."""
         stamp = START_STAMP + entry.tick * self._tick_ns
-        self._drain()
+        self._count_extra(self._wire.receive(0.0))
         self._wire.write_sample(stamp, entry)
         self._samples += 1
         begun = repeated = self._reported = time.monotonic()
         invalid = 0
         while not self._mailbox.closed:
-            for received in self._wire.receive(WAIT_TIMEOUT):
+            found = self._wire.receive(WAIT_TIMEOUT)
+            for number, received in enumerate(found):
                 command = received.command
                 if self._ignored(received, stamp, entry.tick):
                     self._mailbox.commands.put(entry.tick, command.speeds, IGNORED_TAG)
@@ -103,6 +104,7 @@ class Lockstep:
                     self._mailbox.commands.put(entry.tick, command.speeds, OBEYED_TAG)
                     self._wire.write_applied(stamp, command.speeds)
                     self._commands, self._answered = self._commands + 1, stamp
+                    self._count_extra(found[number + 1 :])
                     return True
             now = time.monotonic()
             if now - begun > self._answer_timeout:
@@ -123,11 +125,11 @@ class Lockstep:
         """Whether a command is not the answer to the sample with the stamp `stamp` (ns); counts it."""
         topic, own = self._wire.command_topic, received.command.stamp
         if not received.obeyed:
-            self._events.add("other publisher", f"{topic}: a second publisher; its command is not obeyed", tick)
+            self._note_foreign(tick)
         elif own is None or own == stamp:
             return False
         elif own == self._answered:
-            self._events.counts["second answer"] = self._events.counts.get("second answer", 0) + 1
+            self._count_second_answer()
         else:
             age = "older" if own < stamp else "newer"
             apart = 1e-9 * abs(own - stamp)
@@ -140,13 +142,23 @@ class Lockstep:
         if not self._stamped:
             self._lose_determinism("a sample was written again")
 
-    def _drain(self) -> None:
-        """Count the commands that arrive while no sample awaits an answer."""
-        for received in self._wire.receive(0.0):
-            self._events.counts["second answer"] = self._events.counts.get("second answer", 0) + 1
+    def _count_extra(self, found: "Sequence[ReceivedCommand]") -> None:
+        """Count commands that arrived while no sample awaited an answer."""
+        for received in found:
             self._mailbox.commands.put(-1, received.command.speeds, IGNORED_TAG)
-            if not self._stamped and received.obeyed:
+            if not received.obeyed:
+                self._note_foreign()
+                continue
+            self._count_second_answer()
+            if not self._stamped:
                 self._lose_determinism("a sample had a second answer")
+
+    def _note_foreign(self, tick: int = -1) -> None:
+        text = f"{self._wire.command_topic}: a second publisher; its command is not obeyed"
+        self._events.add("other publisher", text, tick)
+
+    def _count_second_answer(self) -> None:
+        self._events.counts["second answer"] = self._events.counts.get("second answer", 0) + 1
 
     def _lose_determinism(self, why: str) -> None:
         if self._deterministic:

@@ -15,6 +15,8 @@ SPEED_ARRAY = "std_msgs/msg/Float64MultiArray"
 BASE_FRAME = "base"
 """Frame of joint states and wrench: the robot's base, z up."""
 MOTOR_COUNT = 3
+MAX_NAMES = 6
+"""Maximum number of joint names in an error message."""
 NS_PER_SECOND = 10**9
 STAMP, STAMP_OFFSET = struct.Struct("<iI"), 4
 """Encoding of a stamp in CDR, and its offset in messages that begin with it: behind the encapsulation header."""
@@ -103,7 +105,8 @@ def read_command(data: bytes, kind: str, motors: Sequence[str]) -> MotorCommand:
     names, speeds = message.name, message.velocity
     named = names if len(speeds) == len(names) else [one for one in names if one in motors]
     if len(speeds) != len(named) or sorted(one for one in named if one in motors) != sorted(motors):
-        listed = ", ".join(names) or "no joint"
+        more = ["..."] if len(names) > MAX_NAMES else []
+        listed = ", ".join([*names[:MAX_NAMES], *more]) or "no joint"
         return MotorCommand(stamp, unknown, f"{len(speeds)} velocities of {listed}; expected {', '.join(motors)}")
     by_name = dict(zip(named, speeds, strict=True))
     return MotorCommand(stamp, np.array([by_name[one] for one in motors]), "")

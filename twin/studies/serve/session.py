@@ -18,7 +18,7 @@ from twin.kernel.cosim.port import width
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import ComponentFailed, EndRequest, InputRefused, SafetyTrip
 from twin.kernel.process.black_box import exit_phrase
-from twin.kernel.process.guard import POLL_INTERVAL, raise_failure
+from twin.kernel.process.guard import POLL_INTERVAL, JobFailure, raise_failure
 from twin.kernel.process.job import JobLimits, recording_status
 from twin.kernel.process.mailbox import OBEYED_TAG, Mailbox, MailboxEntry
 from twin.kernel.process.process import GuardedProcess
@@ -129,7 +129,7 @@ class WireProcess:
             self.summary = report.get("finished", self.summary)
         if self._process.gone and not self.summary:
             how, (*_, printed) = exit_phrase(self._process.end()), ["", *self._process.output_tail.strip().splitlines()]
-            raise ComponentFailed(f"the process of the topics {how}{f'; it printed: {printed}' if printed else ''}")
+            raise JobFailure(f"the process of the topics {how}{f'; it printed: {printed}' if printed else ''}")
 
     def finish(self) -> None:
         """End the exchange, and wait for its summary."""
@@ -304,6 +304,7 @@ def served_run(
     facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
     facts["robot_values"] = robot_values(loaded.values, loaded.origins)
     facts["remarks"] = [
+        *loaded.remarks,
         *([run.punctuality.sentence] if run.punctuality else []),
         *(["changed while it ran: the experiment's file alone does not repeat it"] if run.changed else []),
     ]
@@ -372,7 +373,9 @@ def wire_settings(experiment: Experiment, options: ServeOptions, effort: bool) -
 
 def exchange_lines(facts: Mapping[str, Any]) -> list[str]:
     """Format the facts about the exchange of a served run as lines."""
-    counts = [f"{facts['samples_written']} samples", f"{facts['commands_read']} commands"]
+    # a process of the topics that was ended has no summary
+    commands = facts.get("commands", facts["commands_read"])
+    counts = [f"{facts['samples_written']} samples", f"{commands} commands"]
     for key, text in (("superseded", "replaced before a tick"), ("invalid", "not a number")):
         counts += [f"{facts[key]} {text}"] if facts[key] else []
     counts += [f"{count} {reason}" for reason, count in facts.get("ignored", {}).items() if count]

@@ -4,6 +4,7 @@ It runs in a process of its own and talks to the simulation by a mailbox. In rea
 until a sample is there and publishes it, the other sleeps until a command arrives. In lockstep see `lockstep`.
 """
 
+import contextlib
 import time
 from collections.abc import Callable, Sequence
 from threading import Thread
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from twin.kernel.cosim.histogram import Histogram
 from twin.kernel.cosim.port import port_slices, width
+from twin.kernel.errors import InputRefused
 from twin.kernel.process.mailbox import IGNORED_TAG, OBEYED_TAG, Mailbox, MailboxEntry
 from twin.kernel.process.real_time import real_time
 from twin.kernel.process.reporter import PipeReporter
@@ -21,10 +23,10 @@ from twin.kernel.recording.sources.dds import RawMessage, TopicDiscovery, domain
 from twin.robot.remote import COMMAND_PORTS, SAMPLE_PORTS
 from twin.studies.result import count_text
 from twin.studies.serve import messages
-from twin.studies.serve.lockstep import Lockstep
+from twin.studies.serve.lockstep import REPORT_PERIOD, WAIT_TIMEOUT, Lockstep
 from twin.studies.serve.messages import MOTOR_COUNT, MessageTemplate, MotorCommand
 
-JOINT_STATES_TOPIC, WRENCH_TOPIC, APPLIED_TOPIC, CLOCK_TOPIC = (
+PUBLISHED_TOPICS = JOINT_STATES_TOPIC, WRENCH_TOPIC, APPLIED_TOPIC, CLOCK_TOPIC = (
     "/joint_states", "/scale/wrench", "/commands_applied", "/clock",
 )  # fmt: skip
 COMMAND_TOPICS = {
@@ -40,12 +42,8 @@ MAX_BLOCKING_TIME = 0.1
 """Maximum time (s) that a reliable writer waits for a slow reader."""
 SILENCE_TIMEOUT = 1.0
 """Time (s) without a command of the obeyed publisher after which another one that sends is obeyed."""
-WAIT_TIMEOUT = 0.05
-"""Maximum time (s) of a wait for samples or messages, after which a thread checks whether the run has ended."""
 MAX_PENDING = 10_000
 """Maximum number of samples whose answers are awaited for the count of lost commands."""
-REPORT_PERIOD = 1.0
-"""Time (s) between two reports of a wait for a controller."""
 MAX_EVENTS = 10
 """Maximum number of recorded events per reason; later ones are only counted."""
 
@@ -141,6 +139,9 @@ class Wire:
         settings: see `exchange`.
         events: receives changes of the obeyed publisher.
 
+    Raises:
+        InputRefused: the command topic or the network is unusable.
+
     Attributes:
         names: names of motors and joints (6).
         command_topic, command_type: topic of commands, and its type.
@@ -149,7 +150,16 @@ class Wire:
     """
 
     def __init__(self, settings: dict[str, Any], events: WireEvents):
-        from cyclonedds.core import InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState, WaitSet
+        from cyclonedds.core import (
+            DDSException,
+            InstanceState,
+            Policy,
+            Qos,
+            ReadCondition,
+            SampleState,
+            ViewState,
+            WaitSet,
+        )  # fmt: skip
         from cyclonedds.domain import DomainParticipant
         from cyclonedds.pub import DataWriter
         from cyclonedds.sub import DataReader
@@ -170,8 +180,15 @@ class Wire:
         self._wrench_template = MessageTemplate(lambda stamp, force: messages.wrench(stamp, -force[0]), 1)
         topic, self.command_type = COMMAND_TOPICS[settings["commands"]]
         self.command_topic = settings["command_topic"] or topic
-        domain = settings["domain"]
-        self._participant = DomainParticipant(domain_id() if domain is None else domain)
+        if self.command_topic in PUBLISHED_TOPICS:
+            raise InputRefused(f"--command-topic {self.command_topic}: twin serve publishes it; expected another topic")
+        domain = domain_id() if settings["domain"] is None else settings["domain"]
+        try:
+            self._participant = DomainParticipant(domain)
+        except DDSException:
+            raise InputRefused(
+                f"DDS cannot begin on domain {domain}; check CYCLONEDDS_URI and the network interfaces"
+            ) from None
         self._discovery = TopicDiscovery(self._participant)
         reliable, volatile = (
             Policy.Reliability.Reliable(duration(seconds=MAX_BLOCKING_TIME)),
@@ -251,11 +268,16 @@ class Wire:
         readers = self._joint_states.get_matched_subscriptions()
         ends = [self._joint_states.get_matched_subscription_data(one) for one in readers]
         writers = [self._reader.get_matched_publication_data(one) for one in self._reader.get_matched_publications()]
-        own = {JOINT_STATES_TOPIC, APPLIED_TOPIC, WRENCH_TOPIC, CLOCK_TOPIC, self.command_topic}
-        others = [f"{name} ({kind})" for name, kind in self._discovery.topic_types().items() if name not in own]
+        kinds = self._discovery.topic_types()
+        ours = {*PUBLISHED_TOPICS, self.command_topic}
+        others = ", ".join(f"{name} ({kind})" for name, kind in kinds.items() if name not in ours)
+        unmatched = ""
+        if not writers and (kind := kinds.get(self.command_topic)):
+            why = f"sends {kind}" if kind != self.command_type else "is best effort, expected reliable"
+            unmatched = f" (one that does not match {why})"
         return (
             f"waiting for a controller: {JOINT_STATES_TOPIC} has {_listed('reader', ends)}, {self.command_topic} "
-            f"({self.command_type}) has {_listed('writer', writers)}; other topics here: {', '.join(others) or 'none'}"
+            f"({self.command_type}) has {_listed('writer', writers)}{unmatched}; other topics here: {others or 'none'}"
         )
 
     def ends(self) -> dict[str, int]:
@@ -349,8 +371,9 @@ class FreeExchange:
         self._wire.write_sample(stamp, entry)
         written = time.monotonic_ns()
         if len(self._published) > MAX_PENDING:
-            # the other thread may have removed it
-            self._published.pop(next(iter(self._published)), None)
+            # the other thread may remove one meanwhile, which ends an iteration
+            with contextlib.suppress(RuntimeError):
+                self._published.pop(next(iter(self._published)), None)
         if (arrived := self._arrived.pop(self._applied, None)) is not None:
             self._latency.add(1e-9 * (written - arrived))
         speeds = entry.values[_PLACES["omega_ref"]]
