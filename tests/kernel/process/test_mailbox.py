@@ -72,6 +72,6 @@ def test_values_of_another_shape_are_refused(ends: tuple[Mailbox, Mailbox]):
 
 
 def test_a_closed_mailbox_is_seen_by_the_other_end(ends: tuple[Mailbox, Mailbox]):
-    assert not ends[1].closed
+    assert not ends[1].is_closed
     ends[0].close()
-    assert ends[1].closed
+    assert ends[1].is_closed

@@ -28,14 +28,14 @@ def exchange(reporter: PipeReporter, settings: dict[str, Any]) -> dict[str, Any]
     reporter.note(waiting="waiting for nobody")
     reporter.note(ready=True)
     samples = 0
-    while not mailbox.closed:
+    while not mailbox.is_closed:
         sample = mailbox.samples.pop(0.05)
         if sample is None:
             continue
         samples += 1
         if sample.tick == told.get("stalls"):
             until = time.monotonic() + told["seconds"]
-            while time.monotonic() < until and not mailbox.closed:
+            while time.monotonic() < until and not mailbox.is_closed:
                 time.sleep(0.05)
         if sample.tick == told.get("dies"):
             os._exit(7)

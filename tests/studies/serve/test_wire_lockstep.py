@@ -44,7 +44,7 @@ class FakeWire:
         self._answers, self._queue = list(answers), list[ReceivedCommand]()
         self.stamps: list[int] = []
         self.applied: list[int] = []
-        self.matched = True
+        self.has_controller = True
 
     def write_sample(self, stamp: int, entry: MailboxEntry) -> None:
         self._stamp = stamp
@@ -190,12 +190,12 @@ def test_second_answers_that_arrive_together_with_the_first_are_counted():
 
 def test_no_sample_is_asked_for_before_both_sides_are_connected():
     wire = FakeWire([command(0)])
-    wire.matched = False
+    wire.has_controller = False
     served = Served(wire)
     served.mailbox.samples.put(0, np.zeros(width(SAMPLE_PORTS)))
     assert served.mailbox.commands.pop(0.1) is None and served.notes.texts("waiting") == ["waiting"]
     assert not served.notes.texts("ready")
-    wire.matched = True
+    wire.has_controller = True
     found = served.mailbox.commands.pop(5.0)
     assert found is not None and found.tick == 0 and served.notes.texts("ready") == [True]
     served.close()

@@ -141,7 +141,7 @@ class SharedRing:
         self._count = memory[:4].view(np.int32)
 
     @property
-    def unread(self) -> int:
+    def unread_entries(self) -> int:
         """Number of entries after the last one read here."""
         return int(self._count[0]) - (self.number & _COUNT_MASK) & _COUNT_MASK
 
@@ -158,13 +158,13 @@ class SharedRing:
     def pop(self, timeout: float = 0.0) -> MailboxEntry | None:
         """Read the next entry of the ring; None if there is none within `timeout` (s). A wait releases the GIL."""
         deadline = time.monotonic() + timeout
-        while not self.unread:
+        while not self.unread_entries:
             left = deadline - time.monotonic()
             if left <= 0.0:
                 return None
             patience = timespec(min(left, SLEEP_INTERVAL))
             _wait(self._kernel.ctypes.data, self.address, self.number, patience.ctypes.data)
-        behind = self.unread - (CAPACITY - 1)
+        behind = self.unread_entries - (CAPACITY - 1)
         if behind > 0:
             self.lost, self.number = self.lost + behind, self.number + behind
         self.number += 1
@@ -174,7 +174,7 @@ class SharedRing:
 
     def pop_all(self) -> list[MailboxEntry]:
         """Read all entries of the ring that are there now, without waiting."""
-        return [one for _ in range(self.unread) if (one := self.pop()) is not None]
+        return [one for _ in range(self.unread_entries) if (one := self.pop()) is not None]
 
 
 def ring_size(values: int) -> int:
@@ -204,7 +204,7 @@ class Mailbox:
         self.commands = SharedRing(self._bytes[_RINGS_OFFSET + first :], command_values)
 
     @property
-    def closed(self) -> bool:
+    def is_closed(self) -> bool:
         """Whether the simulation has ended, so that no sample follows."""
         return bool(self._bytes[_CLOSED_OFFSET])
 

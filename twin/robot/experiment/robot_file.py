@@ -38,7 +38,7 @@ def fit_to_robot(own: Source, filled: Source, robot: Source) -> None:
         # an invalid height is reported when the experiment is checked
         return
 
-    def moved(p: Any) -> Any:
+    def shift_point(p: Any) -> Any:
         return tuple(map(moved, p)) if isinstance(p[0], tuple) else (*p[:2], round(p[2] + surface - SHIPPED_SURFACE, 3))
 
     reference = own.values.get("reference", {})
@@ -46,7 +46,7 @@ def fit_to_robot(own: Source, filled: Source, robot: Source) -> None:
         for key in keys:
             values, path = (reference, "") if table == "reference" else (reference.get(table, {}), f"{table}.")
             if key in values:
-                values[key] = moved(values[key])
+                values[key] = shift_point(values[key])
                 own.origins[f"reference.{path}{key}"] += MOVED
     if before != SHIPPED_SURFACE:
         # a body out of reach stays out of reach

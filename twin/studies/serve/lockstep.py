@@ -11,24 +11,18 @@
 
 import time
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from twin.kernel.process.mailbox import GIVE_UP_TAG, IGNORED_TAG, OBEYED_TAG, Mailbox, MailboxEntry
 from twin.studies.serve.messages import NS_PER_SECOND
-
-if TYPE_CHECKING:
-    from twin.studies.serve.wire import ReceivedCommand, Wire, WireEvents
+from twin.studies.serve.wire import REPORT_PERIOD, WAIT_TIMEOUT, ReceivedCommand, Wire, WireEvents
 
 START_STAMP = NS_PER_SECOND
 """Stamp of tick 0 (ns), since ROS reads time 0 as a clock that has not started."""
 REPEAT_PERIOD = 1.0
 """Time (s) without an answer after which a sample is written again."""
-WAIT_TIMEOUT = 0.05
-"""Maximum time (s) of a wait, after which the end of the run is checked."""
-REPORT_PERIOD = 1.0
-"""Time (s) between two reports of a wait for a controller."""
 MAX_INVALID = 100
 """Number of invalid answers to a sample after which it is only written again once per `REPEAT_PERIOD`."""
 
@@ -48,9 +42,9 @@ class Lockstep:
 
     def __init__(
         self,
-        wire: "Wire",
+        wire: Wire,
         mailbox: Mailbox,
-        events: "WireEvents",
+        events: WireEvents,
         report: Callable[[str], None],
         tick: float,
         stamped: bool,
@@ -64,11 +58,11 @@ class Lockstep:
 
     def run(self, ready: Callable[[], None]) -> dict[str, Any]:
         """Connect, call `ready`, and exchange samples and commands until the run has ended; return the summary."""
-        while not (self._wire.matched or self._mailbox.closed):
+        while not (self._wire.has_controller or self._mailbox.is_closed):
             self._report_each_second(self._wire.waiting_text)
             time.sleep(0.01)
         ready()
-        while not self._mailbox.closed:
+        while not self._mailbox.is_closed:
             entry = self._mailbox.samples.pop(WAIT_TIMEOUT)
             if entry is None:
                 self._count_extra(self._wire.receive(0.0))
@@ -87,11 +81,11 @@ class Lockstep:
         self._samples += 1
         begun = repeated = self._reported = time.monotonic()
         invalid = 0
-        while not self._mailbox.closed:
+        while not self._mailbox.is_closed:
             found = self._wire.receive(WAIT_TIMEOUT)
             for number, received in enumerate(found):
                 command = received.command
-                if self._ignored(received, stamp, entry.tick):
+                if self._is_ignored(received, stamp, entry.tick):
                     self._mailbox.commands.put(entry.tick, command.speeds, IGNORED_TAG)
                 elif command.mistake or not np.isfinite(command.speeds).all():
                     self._mailbox.commands.put(entry.tick, command.speeds, IGNORED_TAG)
@@ -121,7 +115,7 @@ class Lockstep:
             self._reported = time.monotonic()
             self._report(text())
 
-    def _ignored(self, received: "ReceivedCommand", stamp: int, tick: int) -> bool:
+    def _is_ignored(self, received: ReceivedCommand, stamp: int, tick: int) -> bool:
         """Whether a command is not the answer to the sample with the stamp `stamp` (ns); counts it."""
         topic, own = self._wire.command_topic, received.command.stamp
         if not received.obeyed:
@@ -142,7 +136,7 @@ class Lockstep:
         if not self._stamped:
             self._lose_determinism("a sample was written again")
 
-    def _count_extra(self, found: "Sequence[ReceivedCommand]") -> None:
+    def _count_extra(self, found: Sequence[ReceivedCommand]) -> None:
         """Count commands that arrived while no sample awaited an answer."""
         for received in found:
             self._mailbox.commands.put(-1, received.command.speeds, IGNORED_TAG)

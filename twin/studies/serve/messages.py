@@ -47,18 +47,18 @@ def joint_state(
 ) -> bytes:
     """Encode a JointState stamped `stamp` (ns), with positions (rad), speeds (rad/s) and torques (N m)."""
     arrays = (np.asarray(one, dtype=np.float64) for one in (position, velocity, effort))
-    return _encoded(_JointState(_header(stamp), list(names), *arrays), JOINT_STATE)
+    return _serialize(_JointState(_header(stamp), list(names), *arrays), JOINT_STATE)
 
 
 def wrench(stamp: int, F_z: float) -> bytes:
     """Encode the force (N) of the robot on the scale as a WrenchStamped; `F_z` presses down, against the frame's z."""
     force, torque = _Vector3(0.0, 0.0, -F_z), _Vector3(0.0, 0.0, 0.0)
-    return _encoded(_WrenchStamped(_header(stamp), _Wrench(force, torque)), WRENCH)
+    return _serialize(_WrenchStamped(_header(stamp), _Wrench(force, torque)), WRENCH)
 
 
 def clock(stamp: int) -> bytes:
     """Encode a Clock message with the time `stamp` (ns)."""
-    return _encoded(_Clock(_time(stamp)), CLOCK)
+    return _serialize(_Clock(_time(stamp)), CLOCK)
 
 
 class MessageTemplate:
@@ -120,5 +120,5 @@ def _header(stamp: int) -> Any:
     return _Header(_time(stamp), BASE_FRAME)
 
 
-def _encoded(message: Any, kind: str) -> bytes:
+def _serialize(message: Any, kind: str) -> bytes:
     return bytes(TYPE_STORE.serialize_cdr(message, kind))

@@ -40,7 +40,7 @@ from twin.robot.run.trace import Trace
 from twin.studies.check.baseline import OWN_DRIVE, Baseline, baseline_folder_of
 from twin.studies.check.job import stored_baseline
 
-WIRE_JOB = "twin.studies.serve.wire:exchange"
+WIRE_JOB = "twin.studies.serve.exchange:exchange"
 WATCHDOG_PERIODS = 5.0
 """Default time of the watchdog, in periods of the controller."""
 FLUSH_INTERVAL = 0.5
@@ -184,7 +184,7 @@ class ServedRobot(Observer):
                 signal.signal(number, self._stop)
 
     @property
-    def unanswered(self) -> str:
+    def answer_error(self) -> str:
         """Error message of a run in lockstep that ended without an answer; "" for another end."""
         failure = self._simulation.failure
         return str(failure) if isinstance(failure, EndRequest) and not self.enough else ""
@@ -299,7 +299,7 @@ def served_run(
         wire.finish()
     done: dict[str, Any] = {"text": "", "exit_code": 0}
     served = robot.facts
-    if baseline and trace and not robot.enough and not robot.unanswered:
+    if baseline and trace and not robot.enough and not robot.answer_error:
         done, served["check"] = _compare(loaded, drive or OWN_DRIVE, baseline, trace)
     facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
     facts["robot_values"] = robot_values(loaded.values, loaded.origins)
@@ -311,8 +311,8 @@ def served_run(
     reporter.note(run=facts | {"served": {"lines": exchange_lines(served), "facts": served}})
     if robot.enough:
         raise KeyboardInterrupt
-    if robot.unanswered:
-        raise ComponentFailed(f"{robot.unanswered}\n{recording_status(folder)}")
+    if robot.answer_error:
+        raise ComponentFailed(f"{robot.answer_error}\n{recording_status(folder)}")
     if run.trip and not loaded.faults:
         raise SafetyTrip(f"{loaded.name}: {run.trip}")
     return done

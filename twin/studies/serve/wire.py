@@ -4,26 +4,21 @@ It runs in a process of its own and talks to the simulation by a mailbox. In rea
 until a sample is there and publishes it, the other sleeps until a command arrives. In lockstep see `lockstep`.
 """
 
-import contextlib
 import time
-from collections.abc import Callable, Sequence
-from threading import Thread
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.histogram import Histogram
-from twin.kernel.cosim.port import port_slices, width
+from twin.kernel.cosim.port import port_slices
 from twin.kernel.errors import InputRefused
-from twin.kernel.process.mailbox import IGNORED_TAG, OBEYED_TAG, Mailbox, MailboxEntry
-from twin.kernel.process.real_time import real_time
+from twin.kernel.process.mailbox import MailboxEntry
 from twin.kernel.process.reporter import PipeReporter
 from twin.kernel.recording.sources.dds import RawMessage, TopicDiscovery, domain_id, raw_topic
-from twin.robot.remote import COMMAND_PORTS, SAMPLE_PORTS
+from twin.robot.remote import SAMPLE_PORTS
 from twin.studies.result import count_text
 from twin.studies.serve import messages
-from twin.studies.serve.lockstep import REPORT_PERIOD, WAIT_TIMEOUT, Lockstep
 from twin.studies.serve.messages import MOTOR_COUNT, MessageTemplate, MotorCommand
 
 PUBLISHED_TOPICS = JOINT_STATES_TOPIC, WRENCH_TOPIC, APPLIED_TOPIC, CLOCK_TOPIC = (
@@ -42,8 +37,10 @@ MAX_BLOCKING_TIME = 0.1
 """Maximum time (s) that a reliable writer waits for a slow reader."""
 SILENCE_TIMEOUT = 1.0
 """Time (s) without a command of the obeyed publisher after which another one that sends is obeyed."""
-MAX_PENDING = 10_000
-"""Maximum number of samples whose answers are awaited for the count of lost commands."""
+WAIT_TIMEOUT = 0.05
+"""Maximum time (s) of a wait, after which the end of the run is checked."""
+REPORT_PERIOD = 1.0
+"""Time (s) between two reports of a wait for a controller."""
 MAX_EVENTS = 10
 """Maximum number of recorded events per reason; later ones are only counted."""
 
@@ -258,7 +255,7 @@ class Wire:
         return found
 
     @property
-    def matched(self) -> bool:
+    def has_controller(self) -> bool:
         """Whether a reader of joint states and a writer of commands are connected."""
         self._update_publishers()
         return bool(self.publishers.matched and self._joint_states.get_matched_subscriptions())
@@ -276,8 +273,9 @@ class Wire:
             why = f"sends {kind}" if kind != self.command_type else "is best effort, expected reliable"
             unmatched = f" (one that does not match {why})"
         return (
-            f"waiting for a controller: {JOINT_STATES_TOPIC} has {_listed('reader', ends)}, {self.command_topic} "
-            f"({self.command_type}) has {_listed('writer', writers)}{unmatched}; other topics here: {others or 'none'}"
+            f"waiting for a controller: {JOINT_STATES_TOPIC} has {_end_list('reader', ends)}, {self.command_topic} "
+            f"({self.command_type}) has {_end_list('writer', writers)}{unmatched}; "
+            f"other topics here: {others or 'none'}"
         )
 
     def ends(self) -> dict[str, int]:
@@ -301,163 +299,6 @@ class Wire:
             self.unwritten += 1
 
 
-def _listed(what: str, ends: Sequence[Any]) -> str:
+def _end_list(what: str, ends: Sequence[Any]) -> str:
     there = ", ".join(str(one.participant_key)[:8] for one in ends if one is not None)
     return count_text(len(ends), what) + (f" (participant {there})" if there else "")
-
-
-class FreeExchange:
-    """Exchange in real time: samples are published as they come, commands are passed on as they arrive.
-
-    Args:
-        wire: DDS side.
-        mailbox: the simulation.
-        events: receives events.
-        report: receives texts for the user while no command has arrived.
-    """
-
-    def __init__(self, wire: Wire, mailbox: Mailbox, events: WireEvents, report: Callable[[str], None]):
-        self._wire, self._mailbox, self._events, self._report = wire, mailbox, events, report
-        # stamps are wall time, by a clock that cannot be set back
-        self._offset = time.time_ns() - time.monotonic_ns()
-        self._newest: int | None = None
-        self._obeyed: list[int] = []
-        self._arrived: dict[int, int] = {}
-        self._published: dict[int, int] = {}
-        self._samples = self._commands = self._answers = self._first = self._last = 0
-        self._latency, self._effect = Histogram(), Histogram()
-        self._applied, self._speeds = 0, np.zeros(MOTOR_COUNT)
-        self._failure: BaseException | None = None
-
-    def run(self) -> dict[str, Any]:
-        """Exchange samples and commands until the run has ended; return the summary."""
-        reported = time.monotonic()
-        threads = [
-            Thread(target=self._guarded, args=(step,), name=name, daemon=True)
-            for name, step in (("commands", self._receive), ("samples", self._publish_next))
-        ]
-        for one in threads:
-            one.start()
-        # existing threads get the higher priority; they are not pinned, since others of twin share the machine. Each is
-        # done in less than the interval and then waits: switching in the middle doubles the processor time of both
-        with real_time(switch_interval=WAIT_TIMEOUT) as refused:
-            while not self._mailbox.closed and self._failure is None:
-                time.sleep(WAIT_TIMEOUT)
-                if not self._commands and time.monotonic() > reported + REPORT_PERIOD:
-                    reported = time.monotonic()
-                    self._report(self._wire.waiting_text())
-            for one in threads:
-                one.join(1.0)
-        if self._failure is not None:
-            raise self._failure
-        return self._summary([refused] if refused else [])
-
-    def _guarded(self, step: Callable[[], None]) -> None:
-        try:
-            while not self._mailbox.closed:
-                step()
-        except BaseException as problem:
-            self._failure = problem
-
-    def _publish_next(self) -> None:
-        if (entry := self._mailbox.samples.pop(WAIT_TIMEOUT)) is not None:
-            self._publish(entry)
-
-    def _publish(self, entry: MailboxEntry) -> None:
-        stamp = entry.time + self._offset
-        self._samples += 1
-        # before an answer can come
-        self._published[stamp] = self._samples
-        self._wire.write_sample(stamp, entry)
-        written = time.monotonic_ns()
-        if len(self._published) > MAX_PENDING:
-            # the other thread may remove one meanwhile, which ends an iteration
-            with contextlib.suppress(RuntimeError):
-                self._published.pop(next(iter(self._published)), None)
-        if (arrived := self._arrived.pop(self._applied, None)) is not None:
-            self._latency.add(1e-9 * (written - arrived))
-        speeds = entry.values[_PLACES["omega_ref"]]
-        if entry.tag != self._applied or not np.array_equal(speeds, self._speeds, equal_nan=True):
-            self._wire.write_applied(stamp, speeds)
-        if entry.tag != self._applied:
-            self._applied = entry.tag
-            # older ones were superseded before a tick
-            for number in [n for n in list(self._arrived) if n < entry.tag]:
-                del self._arrived[number]
-            if (arrived := self._arrived.get(entry.tag)) is not None:
-                self._effect.add(1e-9 * (written - arrived))
-        self._speeds = speeds
-
-    def _receive(self) -> None:
-        for one in self._wire.receive(WAIT_TIMEOUT):
-            self._pass_on(one)
-
-    def _pass_on(self, received: ReceivedCommand) -> None:
-        arrived, command = time.monotonic_ns(), received.command
-        obeyed = self._wire.publishers.matched[:1]
-        if obeyed != self._obeyed:
-            # another node has a clock of its own
-            self._obeyed, self._newest = obeyed, None
-        if self._refused(received):
-            self._mailbox.commands.put(-1, command.speeds, IGNORED_TAG)
-            return
-        # before the simulation can have it
-        self._arrived[self._mailbox.commands.number + 1] = arrived
-        self._mailbox.commands.put(-1, command.speeds, OBEYED_TAG)
-        self._commands += 1
-        self._newest = command.stamp
-        if command.stamp is not None and (sample := self._published.pop(command.stamp, 0)):
-            self._answers += 1
-            self._first, self._last = self._first or sample, max(self._last, sample)
-
-    def _refused(self, received: ReceivedCommand) -> bool:
-        """Whether a command is not obeyed; counts it."""
-        command, topic = received.command, self._wire.command_topic
-        if not received.obeyed:
-            self._events.add("other publisher", f"{topic}: a second publisher; its command is not obeyed")
-        elif command.mistake:
-            self._events.add("invalid", f"{topic}: {command.mistake}")
-        elif self._newest is not None and command.stamp is not None and command.stamp < self._newest:
-            late = 1e-6 * (self._newest - command.stamp)
-            self._events.add("old", f"{topic}: a command {late:.3g} ms older than the newest was dropped")
-        else:
-            return False
-        return True
-
-    def _summary(self, notes: list[str]) -> dict[str, Any]:
-        latencies = {
-            name: {"p50": 1e3 * one.quantile(0.5), "p99": 1e3 * one.quantile(0.99), "largest": 1e3 * one.largest}
-            for name, one in (("latency_ms", self._latency), ("effect_ms", self._effect))
-            if one.count
-        }
-        asked = self._last - self._first + 1 if self._answers else 0
-        return {
-            "samples": self._samples, "lost": self._mailbox.samples.lost, "unwritten": self._wire.unwritten,
-            "commands": self._commands, "ignored": self._events.counts, "unanswered": asked - self._answers,
-            **self._wire.ends(), **latencies, "notes": notes,
-        }  # fmt: skip
-
-
-def exchange(reporter: PipeReporter, settings: dict[str, Any]) -> dict[str, Any]:
-    """Exchange messages with a controller until the simulation closes the mailbox; return a summary.
-
-    Args:
-        reporter: reporter of this process; its black box has the mailbox.
-        settings: lockstep (bool), answer_s, names of motors and joints (6), commands ("joint" or "array"),
-            command_topic ("" for the default), domain (None for ROS_DOMAIN_ID), tick_s, counts_m and counts_l per turn,
-            has_effort, has_scale.
-    """
-    events = WireEvents(reporter)
-    wire = Wire(settings, events)
-    mailbox = Mailbox(reporter.box, width(SAMPLE_PORTS), width(COMMAND_PORTS))
-
-    def report(text: str) -> None:
-        reporter.note(waiting=text)
-
-    if settings["lockstep"]:
-        stamped = settings["commands"] == "joint"
-        return Lockstep(wire, mailbox, events, report, settings["tick_s"], stamped, settings["answer_s"]).run(
-            lambda: reporter.note(ready=True)
-        )
-    reporter.note(ready=True)
-    return FreeExchange(wire, mailbox, events, report).run()
