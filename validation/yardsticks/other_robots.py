@@ -76,7 +76,7 @@ def differences_from_engine(parameters: PlantParameters, number: int) -> dict[st
 @cache
 def other_robots() -> Mapping[str, float]:
     """Return the differences of all `OTHER_ROBOTS`, by "robot: quantity"."""
-    found = {}
+    found: dict[str, float] = {}
     with TemporaryDirectory() as folder:
         for name, values in OTHER_ROBOTS.items():
             file = Path(folder) / "robot.toml"

@@ -18,7 +18,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.process.mailbox import IGNORED_TAG, OBEYED_TAG, Mailbox
 from twin.kernel.recording.sources.ros_types import TYPE_STORE
 from twin.robot.remote import COMMAND_PORTS, SAMPLE_PORTS
-from twin.studies.serve import messages, wire
+from twin.studies.serve import exchange, messages
 from twin.studies.serve.messages import CLOCK, JOINT_STATE, NS_PER_SECOND, SPEED_ARRAY, WRENCH
 
 pytest.importorskip("cyclonedds")
@@ -112,7 +112,7 @@ class Robot:
         } | changed  # fmt: skip
         self.summary: dict[str, Any] = {}
         reporter: Any = self.notes
-        self._thread = Thread(target=lambda: self.summary.update(wire.exchange(reporter, settings)))
+        self._thread = Thread(target=lambda: self.summary.update(exchange.exchange(reporter, settings)))
         self._thread.start()
 
     def put(self, tick: int, counts: np.ndarray, speeds: tuple[float, ...] = (0, 0, 0), applied: int = 0) -> None:
