@@ -18,7 +18,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.process.mailbox import IGNORED_TAG, OBEYED_TAG, Mailbox
 from twin.kernel.recording.sources.ros_types import TYPE_STORE
 from twin.robot.remote import COMMAND_PORTS, SAMPLE_PORTS
-from twin.studies.serve import exchange, messages
+from twin.studies.serve import exchange, messages, wire
 from twin.studies.serve.messages import CLOCK, JOINT_STATE, NS_PER_SECOND, SPEED_ARRAY, WRENCH
 
 pytest.importorskip("cyclonedds")

@@ -39,11 +39,9 @@ def fit_to_robot(own: Source, filled: Source, robot: Source) -> None:
         return
 
     def shift_point(p: Any) -> Any:
-        return (
-            tuple(map(shift_point, p))
-            if isinstance(p[0], tuple)
-            else (*p[:2], round(p[2] + surface - SHIPPED_SURFACE, 3))
-        )
+        if isinstance(p[0], tuple):
+            return tuple(map(shift_point, p))
+        return (*p[:2], round(p[2] + surface - SHIPPED_SURFACE, 3))
 
     reference = own.values.get("reference", {})
     for table, keys in POSITIONS.items():
