@@ -142,7 +142,7 @@ def test_sources_that_are_named_and_not_there_are_not_said_to_be_brought(root: P
         bare = altered(good, tmp_path / "bare.fmu", lambda n, c, gone=gone: None if n.startswith(gone) else (n, c))  # type: ignore[misc]
         with pytest.raises(InputRefused, match=r"it has none\. Export it for linux64$"):
             described(bare)
-        with pytest.raises(InputRefused, match="which it says to compile"):
+        with pytest.raises(InputRefused, match="which it lists as a source"):
             build_binary(bare)
 
 

@@ -208,7 +208,7 @@ def test_an_event_that_never_ends_while_it_is_initialised_is_refused(shaft: Make
 
 @pytest.mark.parametrize("abilities", ["", EVENTS])
 def test_an_early_return_that_was_not_announced_is_no_result(shaft: Maker, abilities: str):
-    with pytest.raises(ComponentFailed, match="returned early although its description does not say that it might"):
+    with pytest.raises(ComponentFailed, match="returned early, which its description does not permit"):
         turned(shaft(abilities), "stuck")
 
 

@@ -51,7 +51,7 @@ def test_a_drive_that_has_become_another_file_is_refused(root: Path, tmp_path: P
     with pytest.raises(InputRefused, match="It is another file"):
         assemble(recorded_experiment(metadata, tmp_path / "run.mcap"))
     mine.unlink()
-    with pytest.raises(InputRefused, match=r"run\.mcap: its drive mine\.fmu is neither in fmus/ nor beside it"):
+    with pytest.raises(InputRefused, match=r"run\.mcap: its drive mine\.fmu is neither in fmus/ nor in the recording's folder"):
         recorded_experiment(metadata, tmp_path / "run.mcap")
 
 

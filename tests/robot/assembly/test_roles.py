@@ -379,7 +379,7 @@ def test_a_recording_runs_again_with_the_file_beside_it_and_no_other(mine: Path,
     with pytest.raises(InputRefused, match="It is another file"):
         assemble(recorded_experiment(recording.metadata, mine.with_name("run.mcap")))
     mine.unlink()
-    with pytest.raises(InputRefused, match=r"its controller mine\.py is not beside it"):
+    with pytest.raises(InputRefused, match=r"its controller mine\.py is not in the recording's folder"):
         recorded_experiment(recording.metadata, mine.with_name("run.mcap"))
 
 

@@ -274,7 +274,7 @@ def test_worse_settings_of_the_monitor_fail_against_the_old_page_and_by_the_limi
     [
         ('bodies = ["scale"]', 'bodies = ["scle"]', "table.toml: bodies: scle: .*no such body"),
         ("holding_Nm", "holdng_Nm", r"table.toml: \[\[variant\]\] clutch: [\s\S]*unknown key"),
-        ("force_limit_N", "force_limt_N", "no number of .monitor.; did you mean 'force_limit_N'"),
+        ("force_limit_N", "force_limt_N", "not a number of .monitor.; did you mean 'force_limit_N'"),
         (
             'factors = [0.6, 1.0]\nbodies = ["scale"]',
             'factors = [0.6, 1.0]\nbodies = ["x"]',

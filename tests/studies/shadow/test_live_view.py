@@ -174,7 +174,7 @@ def test_a_port_that_is_taken_is_refused_before_the_robot_is_waited_for(tmp_path
         (ACCEPT_PARAMETER, "yes", "expected true"),
         ("shadow.acept", True, "did you mean 'shadow.accept'?"),
         (PROPOSAL_PARAMETER, "k_s = 2", "shadow.accept = true accepts what shadow.proposal says"),
-        (ACCEPTED_PARAMETER, "[]", "shadow.accepted is the twin's to say"),
+        (ACCEPTED_PARAMETER, "[]", "shadow.accepted is set by the twin"),
     ],
 )
 def test_what_is_no_acceptance_is_refused_in_a_sentence(name: str, value: object, expected: str):

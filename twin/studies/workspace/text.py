@@ -66,7 +66,7 @@ def capability_result(done: Capability, files: Mapping[str, str]) -> Result:
         "",
         *([Table(RANK_COLUMNS, [(one.label, one.rms) for one in done.ranking])] if done.ranking else []),
         Note(f"values not ranked: {done.unranked}" if done.unranked else
-             "what matters most for the force: error of the estimate if the value is off so, or as it is", "  "),
+             "what matters most for the force: error of the estimate if the value is off by this, or as it is", "  "),
     ]  # fmt: skip
     headline = f"{done.name}: at z = {z:g} mm it presses with up to {done.largest_force[2]:.3g} N"
     return Result(headline, body, to_dict(done) | {"files": [*files.values()]}, files)

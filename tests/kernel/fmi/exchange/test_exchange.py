@@ -56,7 +56,7 @@ def test_a_kind_or_solver_that_does_not_fit_is_refused(root: Path, name: str, ke
 
 
 def test_a_step_without_the_solver_that_makes_it_is_refused():
-    with pytest.raises(ValueError, match='solver_step_ms is of solver = "rk4"'):
+    with pytest.raises(ValueError, match='solver_step_ms belongs to solver = "rk4"'):
         Drive.model_validate({"fmu": "a.fmu", "solver_step_ms": 0.1})
 
 

@@ -300,7 +300,7 @@ def test_without_rosbags_the_extra_is_named(lab: Path, monkeypatch: pytest.Monke
         (["UPDATE messages SET data = 'text' WHERE id = 3"], "expected bytes"),
         (["UPDATE messages SET timestamp = 'now' WHERE id = 3"], "at time 'now'"),
         (["UPDATE messages SET topic_id = 77 WHERE id = 3"], "a message of topic 77"),
-        (["UPDATE topics SET type = x'00'"], "is no text"),
+        (["UPDATE topics SET type = x'00'"], "neither text nor a number"),
         (["UPDATE topics SET serialization_format = 'protobuf'"], "encoded as protobuf"),
         (["UPDATE messages SET data = x'00010000'"], "its 4 bytes are cut short"),
         (["DELETE FROM messages"], "no messages on /tool"),
