@@ -44,7 +44,7 @@ REFUSE(fmi3SetIntervalFraction, NO_CLOCKS, REFERENCES, const fmi3UInt64 counters
 REFUSE(fmi3SetShiftDecimal, NO_CLOCKS, REFERENCES, const fmi3Float64 shifts[])
 REFUSE(fmi3SetShiftFraction, NO_CLOCKS, REFERENCES, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
 
-#define NO_EVENTS "there is not an event mode (hasEventMode is false)"
+#define NO_EVENTS "there is no event mode (hasEventMode is false)"
 
 REFUSE_PLAIN(fmi3EnterEventMode, NO_EVENTS)
 REFUSE_PLAIN(fmi3EnterStepMode, NO_EVENTS)
