@@ -182,7 +182,7 @@ def test_a_structure_that_cannot_be_read_is_refused_with_what_is_wrong(tmp_path:
     ssd, told = BAD[bad]
     with pytest.raises(InputRefused) as refused:
         read_package(archive(tmp_path / "x.ssp", ssd, {}))
-    assert str(refused.value).startswith(f"{tmp_path / 'x.ssp'}: SystemStructure.ssd: ") or "no file" in str(
+    assert str(refused.value).startswith(f"{tmp_path / 'x.ssp'}: SystemStructure.ssd: ") or "not a file" in str(
         refused.value
     )
     assert told in str(refused.value)
