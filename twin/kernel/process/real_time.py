@@ -89,7 +89,7 @@ def _raise_priority(priority: int) -> str:
                 os.sched_setscheduler(thread, policy, os.sched_param(RECEIVER_PRIORITY))
         os.sched_setscheduler(0, policy, os.sched_param(priority))
     except PermissionError:
-        return "SCHED_FIFO is not allowed (CAP_SYS_NICE or ulimit -r 20)"
+        return f"SCHED_FIFO is not allowed (CAP_SYS_NICE or ulimit -r {max(priority, RECEIVER_PRIORITY)})"
     return ""
 
 
