@@ -1,4 +1,4 @@
-"""README's questions on drives, logs, faults and accuracy: the answers, computed again by numpy from recordings."""
+"""README's questions on drives, gains, logs, faults and accuracy: the answers, computed again by numpy from recordings."""
 
 import json
 from pathlib import Path
@@ -96,6 +96,18 @@ def test_the_verdict_on_two_drives_is_that_of_eight_pairs_of_recordings(root: Pa
     assert [key for key, one in verdicts.items() if one != "same"] == ["held_z_error"]
     sentence = f"pmsm_foc beside velocity_servo: better in z error while held ({interval}); the same in {same}"
     assert found["verdict"] == [sentence]
+
+
+@pytest.mark.slow
+def test_the_gains_before_and_after_tuning_are_judged_as_their_recordings_are(tmp_path: Path):
+    found = answer("tune", FIG4, "--stiffness-N-per-m", "300:5000", folder=tmp_path)
+    keys = ("hold_error", "hold_overshoot", "hold_settling_time", "held_lateral_error", "held_z_error")
+    tuned = found["again"].removeprefix("twin run ")
+    for side, experiment in (("before", FIG4), ("after", tuned)):
+        itself = hand.measures(recorded(tmp_path, experiment, side))
+        (run,) = found[side]["runs"]
+        for key in keys:
+            assert run["measures"][key]["value"] == pytest.approx(itself[key], rel=1e-9, abs=1e-12), (side, key)
 
 
 def test_what_a_replay_says_of_the_force_is_in_the_run_that_it_takes_for_a_log(tmp_path: Path):
