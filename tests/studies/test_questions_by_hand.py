@@ -1,4 +1,4 @@
-"""README's questions on drives, gains, logs, faults and accuracy: the answers, computed again by numpy from recordings."""
+"""README's questions on drives, gains, logs, faults, accuracy: the answers, computed again by numpy from recordings."""
 
 import json
 from pathlib import Path
