@@ -128,7 +128,7 @@ def test_eccentric_encoders_are_read_as_their_zeros_would_be(budget: Budget):
 
 
 def test_what_meets_no_stop_and_moves_no_estimate_adds_nothing(budget: Budget):
-    assert line(budget, "hard stops").rms == line(budget, "head beside").rms == 0.0
+    assert line(budget, "hard stops").rms == line(budget, "head off").rms == 0.0
 
 
 def test_an_effect_that_the_experiment_has_is_one_of_its_imperfections():
