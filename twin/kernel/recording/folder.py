@@ -70,6 +70,11 @@ def claim_run_folder(folder: Path) -> Path:
     return folder
 
 
+def new_run_folder(out: str | Path | None, results: Path, experiment: str) -> Path:
+    """Create the folder of one run: `out` as the user named it, or results/<experiment>/<time>/ without it."""
+    return claim_run_folder(Path(out)) if out else create_run_folder(results, experiment, datetime.now())
+
+
 def recording_in(path: Path) -> Path:
     """Find the recording at `path`, .mcap file or folder (of an experiment: its latest run), else RecordingError."""
     # Path.is_file raises for a name that is too long

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ from twin.kernel.process.guard import JobFailure
 from twin.kernel.process.job import JobLimits, recording_status
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.process.states import StoredState, machine_identity, refuse_other_run, split_time, stored_state
-from twin.kernel.recording.folder import claim_run_folder, create_run_folder, discard_run_folder, recording_in
+from twin.kernel.recording.folder import discard_run_folder, new_run_folder, recording_in
 from twin.kernel.recording.reader import read_metadata
 from twin.kernel.recording.recorder import versions
 from twin.robot.assembly.assemble import IN_PROCESS_MAKER
@@ -21,7 +20,7 @@ from twin.robot.assembly.load import load_experiment, recorded_experiment
 from twin.robot.experiment.differences import robot_values
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.cost import refuse_endless
-from twin.robot.run.run import execute
+from twin.robot.run.run import Run, execute
 from twin.robot.run.viewer import Viewer
 
 if TYPE_CHECKING:
@@ -71,41 +70,66 @@ def recorded_runs(
         refuse_endless(loaded, factor)
     unexpected: list[str] = []
     for experiment in loaded:
-        reporter.loading()
-        folder = (
-            claim_run_folder(Path(out)) if out else create_run_folder(Path(results), experiment.name, datetime.now())
+        run = record_run(
+            reporter, experiment, out, isolate_drives, limit_step, results, factor=factor, viewer=viewer, state=state
         )
-        duration = experiment.duration_ticks * experiment.cosim.tick
-        # absolute, as an FMU may change the working directory
-        folder = folder.absolute()
-        reporter.note(experiment=experiment.name, folder=str(folder), duration=duration)
-        try:
-            isolated = isolate_drives or need_processes(planned_drives(experiment))
-            # made here because a limit is given; otherwise `assemble` decides
-            with _isolated_drives(reporter, limit_step) if isolated else nullcontext(IN_PROCESS_MAKER) as maker:
-                run = execute(
-                    experiment, folder, reporter.progress, timed=True, maker=maker, factor=factor, viewer=viewer,
-                    state=state,
-                )  # fmt: skip
-        except JobFailure as failure:
-            raise ComponentFailed(f"{failure}\n{recording_status(folder)}") from None
-        except InputRefused:
-            if not out:
-                discard_run_folder(folder)
-            raise
-        facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
-        facts["robot_values"] = robot_values(experiment.values, experiment.origins)
-        facts["remarks"] = [
-            *remarks,
-            *experiment.remarks,
-            *([run.punctuality.sentence] if run.punctuality else []),
-            *(["changed while it ran: the experiment's file alone does not repeat it"] if run.changed else []),
-        ]
-        reporter.note(run=facts)
+        reporter.note(run=run_facts(experiment, run, remarks))
         if run.trip and not experiment.faults:
             unexpected.append(f"{experiment.name}: {run.trip}")
     if unexpected:
         raise SafetyTrip("\n".join(unexpected))
+
+
+def record_run(
+    reporter: Reporter,
+    experiment: Experiment,
+    out: str | None,
+    isolate_drives: bool = False,
+    limit_step: float = JobLimits.step,
+    results: str = "results",
+    **execution: Any,
+) -> Run:
+    """Run an experiment in a folder of its own; notes {"experiment", "folder", "duration" (s)} before it.
+
+    Args:
+        out, isolate_drives, limit_step, results: see `recorded_runs`.
+        execution: arguments of `execute`.
+
+    Raises:
+        InputRefused: the experiment has errors; a folder without a name by the user is removed.
+        ComponentFailed, RecordingFailed: see `execute`; the message has the state of the recording.
+    """
+    reporter.loading()
+    # absolute, as an FMU may change the working directory
+    folder = new_run_folder(out, Path(results), experiment.name).absolute()
+    duration = experiment.duration_ticks * experiment.cosim.tick
+    reporter.note(experiment=experiment.name, folder=str(folder), duration=duration)
+    try:
+        isolated = isolate_drives or need_processes(planned_drives(experiment))
+        # made here because a limit is given; otherwise `assemble` decides
+        with _isolated_drives(reporter, limit_step) if isolated else nullcontext(IN_PROCESS_MAKER) as maker:
+            return execute(experiment, folder, reporter.progress, timed=True, maker=maker, **execution)
+    except JobFailure as failure:
+        raise ComponentFailed(f"{failure}\n{recording_status(folder)}") from None
+    except InputRefused:
+        if not out:
+            discard_run_folder(folder)
+        raise
+
+
+def run_facts(experiment: Experiment, run: Run, remarks: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the note on a completed run: the fields of `twin.robot.run.Run`, and remarks, `remarks` first."""
+    return asdict(run) | {
+        "recording": str(run.recording),
+        "real_time_factor": run.real_time_factor,
+        "robot_values": robot_values(experiment.values, experiment.origins),
+        "remarks": [
+            *remarks,
+            *experiment.remarks,
+            *([run.punctuality.sentence] if run.punctuality else []),
+            *(["changed while it ran: the experiment's file alone does not repeat it"] if run.changed else []),
+        ],
+    }
 
 
 def load_continuation(run: str, settings: Sequence[str]) -> tuple[Experiment, StoredState | None, str]:

@@ -36,10 +36,8 @@ def identify(
 
     Example: twin identify results/fig4_force_position
     """
-    from datetime import datetime
-
     from twin.kernel.atomic_write import write_json, write_text
-    from twin.kernel.recording.folder import claim_run_folder, create_run_folder
+    from twin.kernel.recording.folder import new_run_folder
     from twin.kernel.recording.logs.column_map import column_map
     from twin.kernel.recording.logs.reader import is_recording, read_log
     from twin.studies.identify.identification import identify_log
@@ -59,7 +57,7 @@ def identify(
     # the truth is known only for a run of the twin with its own experiment
     true = truth(model) if own and experiment is None else {}
     name = model.name if own else curves.path.stem
-    folder = claim_run_folder(out) if out else create_run_folder(IDENTIFY_FOLDER, name, datetime.now())
+    folder = new_run_folder(out, IDENTIFY_FOLDER, name)
     files = {"model": folder / MODEL_FILE, "picture": folder / PICTURE_FILE, "facts": folder / FACTS_FILE}
     draw_identification(one, name, files["picture"])
     write_text(files["model"], model_fragment(one, curves.path.name))

@@ -59,10 +59,8 @@ def replay(
 
     Example: twin replay results/fig4_force_position --plant
     """
-    from datetime import datetime
-
     from twin.kernel.atomic_write import write_json
-    from twin.kernel.recording.folder import RECORDING_FILE, claim_run_folder, create_run_folder
+    from twin.kernel.recording.folder import RECORDING_FILE, new_run_folder
     from twin.kernel.recording.logs.column_map import column_map
     from twin.kernel.recording.logs.reader import read_log
     from twin.studies.replay.held import log_measures
@@ -79,7 +77,7 @@ def replay(
     done = replay_log(curves, model, plant, normal_time(baseline), tolerance)
     held = log_measures(done.log, done.estimator, experiment, tuple(settings))
     name = model.name if experiment is None else curves.path.stem
-    folder = claim_run_folder(out) if out else create_run_folder(REPLAY_FOLDER, name, datetime.now())
+    folder = new_run_folder(out, REPLAY_FOLDER, name)
     files = {"recording": folder / RECORDING_FILE, "picture": folder / PICTURE_FILE, "facts": folder / FACTS_FILE}
     steps.next("recording and drawing")
     record(done, files["recording"])

@@ -5,10 +5,9 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
-from datetime import datetime
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -24,21 +23,20 @@ from twin.kernel.process.mailbox import OBEYED_TAG, Mailbox, MailboxEntry
 from twin.kernel.process.process import GuardedProcess
 from twin.kernel.process.real_time import SOURCE_PRIORITY, real_time
 from twin.kernel.process.reporter import Reporter
-from twin.kernel.recording.folder import claim_run_folder, create_run_folder, discard_run_folder
 from twin.kernel.recording.messages import Field, Topic
 from twin.kernel.recording.recorder import Recorder
-from twin.robot.assembly.assemble import IN_PROCESS_MAKER
-from twin.robot.assembly.build import DriveMaker, have_effort, need_processes, planned_drives
+from twin.robot.assembly.build import have_effort, planned_drives
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.differences import robot_values
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.live.runs import live_server
+from twin.robot.live.runs import live_server, record_run, run_facts
 from twin.robot.remote import COMMAND_PORTS, SAMPLE_PORTS, RemoteController, RemoteLink
 from twin.robot.run.cost import refuse_endless
-from twin.robot.run.run import Run, execute
 from twin.robot.run.trace import Trace
 from twin.studies.check.baseline import OWN_DRIVE, Baseline, baseline_folder_of
 from twin.studies.check.job import stored_baseline
+
+if TYPE_CHECKING:
+    from twin.robot.live.server import LiveServer
 
 WIRE_JOB = "twin.studies.serve.exchange:exchange"
 WATCHDOG_PERIODS = 5.0
@@ -272,25 +270,23 @@ def served_run(
         refuse_endless([loaded], None if asked.lockstep else 1.0)
     # a missing baseline is refused before anything is served
     baseline = _baseline(Path(experiment), drive or OWN_DRIVE, baselines) if check else None
-    plans, trace = planned_drives(loaded), Trace() if check else None
+    trace = Trace() if check else None
 
     def say(text: str) -> None:
         reporter.note(line=text)
 
-    with WireProcess(say) as wire:
-        wire.start(wire_settings(loaded, asked, have_effort(plans)))
-        reporter.loading()
-        folder = claim_run_folder(Path(out)) if out else create_run_folder(Path(results), loaded.name, datetime.now())
-        folder = folder.absolute()
-        reporter.note(experiment=loaded.name, folder=str(folder), duration=loaded.duration_ticks * loaded.cosim.tick)
+    with ExitStack() as stack:
+        wire = stack.enter_context(WireProcess(say))
+        wire.start(wire_settings(loaded, asked, have_effort(planned_drives(loaded))))
         robot = ServedRobot(wire, asked, loaded.controller_ticks * loaded.cosim.tick, trace)
+        if not asked.lockstep and (refused := stack.enter_context(real_time(priority=SOURCE_PRIORITY))):
+            say(refused)
+        viewer = stack.enter_context(_live_server(say, live)) if live else None
+        factor = None if asked.lockstep else 1.0
         try:
-            apart = limit_step if isolate_drives or need_processes(plans) else None
-            run = _execute(reporter, loaded, folder, robot, apart, live, say)
-        except InputRefused:
-            if not out:
-                discard_run_folder(folder)
-            raise
+            run = record_run(
+                reporter, loaded, out, isolate_drives, limit_step, results, factor=factor, viewer=viewer, remote=robot
+            )
         except ComponentFailed:
             # a wait before the first row that was ended by hand
             if robot.enough:
@@ -301,57 +297,22 @@ def served_run(
     served = robot.facts
     if baseline and trace and not robot.enough and not robot.answer_error:
         done, served["check"] = _compare(loaded, drive or OWN_DRIVE, baseline, trace)
-    facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
-    facts["robot_values"] = robot_values(loaded.values, loaded.origins)
-    facts["remarks"] = [
-        *loaded.remarks,
-        *([run.punctuality.sentence] if run.punctuality else []),
-        *(["changed while it ran: the experiment's file alone does not repeat it"] if run.changed else []),
-    ]
+    facts = run_facts(loaded, run)
     reporter.note(run=facts | {"served": {"lines": exchange_lines(served), "facts": served}})
     if robot.enough:
         raise KeyboardInterrupt
     if robot.answer_error:
-        raise ComponentFailed(f"{robot.answer_error}\n{recording_status(folder)}")
+        raise ComponentFailed(f"{robot.answer_error}\n{recording_status(run.recording.parent)}")
     if run.trip and not loaded.faults:
         raise SafetyTrip(f"{loaded.name}: {run.trip}")
     return done
 
 
-def _execute(
-    reporter: Reporter,
-    experiment: Experiment,
-    folder: Path,
-    robot: ServedRobot,
-    apart: float | None,
-    live: Mapping[str, Any] | None,
-    say: Callable[[str], None],
-) -> Run:
-    """Run and record the experiment.
-
-    Args:
-        apart: timeout (s) of a call into drives in processes of their own; None for drives in this process.
-    """
-    with ExitStack() as stack:
-        if not robot.link.lockstep and (refused := stack.enter_context(real_time(priority=SOURCE_PRIORITY))):
-            say(refused)
-        viewer = None
-        maker: DriveMaker = IN_PROCESS_MAKER
-        if live is not None:
-            server = live_server(
-                announce=lambda address: say(f"serving {address}; viewers may come and go"),
-                warn=lambda refusal: say(f"refused: {refusal}"), waits=False, **live,
-            )  # fmt: skip
-            viewer = stack.enter_context(server)
-        if apart is not None:
-            # imported here, as its compiled code takes a while to load
-            from twin.robot.assembly.isolated_drive import IsolatedDrives
-
-            maker = stack.enter_context(IsolatedDrives(reporter, apart))
-        factor = None if robot.link.lockstep else 1.0
-        return execute(
-            experiment, folder, reporter.progress, timed=True, maker=maker, factor=factor, viewer=viewer, remote=robot
-        )
+def _live_server(say: Callable[[str], None], live: Mapping[str, Any]) -> "LiveServer":
+    return live_server(
+        announce=lambda address: say(f"serving {address}; viewers may come and go"),
+        warn=lambda refusal: say(f"refused: {refusal}"), waits=False, **live,
+    )  # fmt: skip
 
 
 def wire_settings(experiment: Experiment, options: ServeOptions, effort: bool) -> dict[str, Any]:
