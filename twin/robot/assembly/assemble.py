@@ -15,7 +15,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -43,7 +43,9 @@ from twin.robot.assembly.precompile import compile_in_background
 from twin.robot.assembly.roles import ROLE_CONTRACTS, ThirdPartyPart, part_from_class, third_party_parts
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.schema import changeable_values
-from twin.robot.remote import RemoteLink
+
+if TYPE_CHECKING:
+    from twin.robot.remote import RemoteLink
 
 RowPort = tuple[str, str]
 COMMAND_SOURCES = (
@@ -258,7 +260,7 @@ def assemble(
     substitutes: Mapping[str, Any] | None = None,
     maker: DriveMaker = IN_PROCESS_MAKER,
     alive: Mapping[str, Component] = MappingProxyType({}),
-    remote: RemoteLink | None = None,
+    remote: "RemoteLink | None" = None,
 ) -> Assembly:
     """Build and wire every component of the experiment's robot, and check that all parts fit.
 

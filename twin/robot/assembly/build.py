@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,8 +54,10 @@ from twin.robot.plant.dynamics import PlantParameters, Robot, TrueRobot
 from twin.robot.plant.encoder import ENCODER_INPUTS as ANGLES
 from twin.robot.plant.encoder import Encoder, Scale, Shaft
 from twin.robot.plant.surface_motion import Body, Motion, MotionKind
-from twin.robot.remote import EFFORT_PORT, RemoteController, RemoteLink
 from twin.robot.shaft import UnpoweredParameters, UnpoweredShaft
+
+if TYPE_CHECKING:
+    from twin.robot.remote import RemoteLink
 
 SURFACE_FAULT_RISE = 0.02
 """Rise time (s) of a surface that jumps or drops away as a fault."""
@@ -147,7 +149,7 @@ class Build:
     plant: Plant
     theta_m: NDArray[np.float64]
     third_party: Mapping[str, ThirdPartyPart] = field(default_factory=dict)
-    remote: RemoteLink | None = None
+    remote: "RemoteLink | None" = None
 
 
 Makers = Mapping[str, Callable[[], Component]]
@@ -426,7 +428,7 @@ def delays(build: Build) -> Makers:
 
 def have_effort(plans: Sequence[DrivePlan]) -> bool:
     """Whether all drives report the torques of their motors."""
-    return all(any(port.name == EFFORT_PORT.name for port in plan.outputs) for plan in plans)
+    return all(any(port.name == "tau_motor" for port in plan.outputs) for plan in plans)
 
 
 def remotes(build: Build) -> Makers:
@@ -434,6 +436,9 @@ def remotes(build: Build) -> Makers:
     link, experiment = build.remote, build.experiment
     if link is None:
         return {}
+    # imported here, as only served runs need it
+    from twin.robot.remote import RemoteController
+
     measured = experiment.scale is not None, have_effort(build.plans), experiment.monitor is not None
     return {"remote": lambda: RemoteController(link, experiment.cosim.tick, experiment.controller_ticks, *measured)}
 

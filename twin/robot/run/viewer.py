@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -12,9 +12,11 @@ from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.recording.messages import Topic
 from twin.kernel.recording.recorder import Recorder, RowStream
-from twin.robot.remote import RemoteLink
 from twin.robot.run.tuning import Tuning
 from twin.robot.scene import Scene
+
+if TYPE_CHECKING:
+    from twin.robot.remote import RemoteLink
 
 SLICE_TIME, SERVED_SLICE_TIME = 0.01, 0.05
 """Wall time (s) of a slice of a paced run: short for a user who turns a knob, long compared with its overhead. In a
@@ -51,7 +53,7 @@ class RemoteSide(Protocol):
         metadata: facts about it for the recording.
     """
 
-    link: RemoteLink
+    link: "RemoteLink"
     topics: Sequence[Topic]
     metadata: Mapping[str, str]
 
