@@ -6,7 +6,7 @@ A share is meaningless for a number near zero, so each number also has a floor, 
 controller period for a time, 2 mN, 2 um.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
@@ -18,6 +18,8 @@ from twin.kernel.cosim.observers import simulate
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused, SafetyTrip, nearest
 from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.drives import DrivePlan
+from twin.robot.assembly.roles import ThirdPartyPart
 from twin.robot.experiment import measure as measures
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.measure import Measure, ReferenceMeasure, RequirementMeasure, SignalMeasure
@@ -133,9 +135,16 @@ def run_for_measures(experiment: Experiment) -> Signals:
         done = simulate(assembly, experiment.duration_ticks, [run]).require_success()
         if trip := trip_reason(done.simulation):
             raise SafetyTrip(f"{experiment.name}: {trip}")
-        fmus = {fmu.path.name: fmu.sha256 for plan in assembly.drives for fmu in plan.parts.values()}
-        fmus |= {part.label: part.sha256 for part in assembly.third_party.values()}
-        return Signals(run, geometry_of(experiment.controller.model), fmus)
+        return recorded_signals(experiment, run, assembly.drives, assembly.third_party)
+
+
+def recorded_signals(
+    experiment: Experiment, run: Trace, drives: Iterable[DrivePlan], third_party: Mapping[str, ThirdPartyPart]
+) -> Signals:
+    """Return the signals of a complete run with the hashes of its drives and third-party parts."""
+    fmus = {fmu.path.name: fmu.sha256 for plan in drives for fmu in plan.parts.values()}
+    fmus |= {part.label: part.sha256 for part in third_party.values()}
+    return Signals(run, geometry_of(experiment.controller.model), fmus)
 
 
 def refuse_unknown(experiment: Experiment, system: System) -> None:
