@@ -110,8 +110,7 @@ def run(
         )
     if out is not None and len(experiments) > 1:
         raise InputRefused(f"--out {out}: names the folder of one run; {len(experiments)} experiments were given")
-    if isolate != "none" and os.name != "posix":
-        raise InputRefused(f"--isolate {isolate}: needs Linux or macOS; use --isolate none here")
+    require_isolation(isolate)
     if realtime is not None and not math.isfinite(realtime):
         raise InputRefused(f"--realtime={realtime}: expected a finite factor; 0 runs as fast as it goes")
     factor = realtime if realtime is not None or not live else 1.0
@@ -128,10 +127,9 @@ def run(
         "start_from": start_from,
         **({"port": port, "origins": origins} if live else {}),
     }
-    # the run itself detects its own hanging drive, and finishes more cleanly than if it is ended
-    patience = limit_step + (STOP_TIMEOUT if isolate == "drive" else 0.0)
     # no expected-duration limit: a paced run lasts as long as requested
-    limits = JobLimits(patience, limit_wall, 1e6 * limit_memory, math.inf if yes or factor else LONG_RUN_DURATION)
+    longest = math.inf if yes or factor else LONG_RUN_DURATION
+    limits = JobLimits(step_limit(limit_step, isolate), limit_wall, 1e6 * limit_memory, longest)
     with RunPageWriter(report, as_json) as reported, TerminalDisplay(as_json) as display:
         run_recording_job(
             LIVE_JOB if live else RUN_JOB,
@@ -141,6 +139,18 @@ def run(
             limits,
             reported.collect_folders(display.on_note),
         )
+
+
+def require_isolation(isolate: Isolation) -> None:
+    """Refuse processes of a run where the system cannot guard them."""
+    if isolate != "none" and os.name != "posix":
+        raise InputRefused(f"--isolate {isolate}: needs Linux or macOS; use --isolate none here")
+
+
+def step_limit(limit_step: float, isolate: Isolation) -> float:
+    """Return the timeout (s) of a step for the process of a run, given that of a call into a drive."""
+    # the run itself detects a hanging drive in another process, and finishes more cleanly than if it is ended
+    return limit_step + (STOP_TIMEOUT if isolate == "drive" else 0.0)
 
 
 class RunPageWriter:

@@ -1,17 +1,15 @@
 """`twin serve`: the twin in the place of a robot, for a controller over ROS 2."""
 
 import math
-import os
 import re
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from twin.cli.ask import run_recording_job
-from twin.cli.run import DEFAULT_MEMORY_LIMIT, RunPageWriter
+from twin.cli.run import DEFAULT_MEMORY_LIMIT, RunPageWriter, require_isolation, step_limit
 from twin.cli.terminal import TerminalDisplay
 from twin.kernel.errors import InputRefused
-from twin.kernel.process.guard import STOP_TIMEOUT
 from twin.kernel.process.job import JobLimits
 from twin.studies.command import (
     DEFAULT_PORT,
@@ -97,8 +95,7 @@ def serve(
 
     Example: twin serve fig4_force_position --lockstep
     """
-    if isolate != "none" and os.name != "posix":
-        raise InputRefused(f"--isolate {isolate}: needs Linux or macOS; use --isolate none here")
+    require_isolation(isolate)
     if check and not lockstep:
         raise InputRefused("--check: needs --lockstep, as runs in real time do not repeat")
     if baselines and not check:
@@ -137,9 +134,7 @@ def serve(
         "sure": yes,
         "live": {"port": port, "origins": origins} if live else None,
     }
-    # the run itself detects a hanging drive, and finishes more cleanly than if it is ended
-    patience = limit_step + (STOP_TIMEOUT if isolate == "drive" else 0.0)
-    limits = JobLimits(patience, limit_wall, 1e6 * DEFAULT_MEMORY_LIMIT)
+    limits = JobLimits(step_limit(limit_step, isolate), limit_wall, 1e6 * DEFAULT_MEMORY_LIMIT)
     with RunPageWriter(report, as_json) as reported, TerminalDisplay(as_json) as display:
         done = run_recording_job(
             SERVE_JOB, arguments, display, isolate, limits, reported.collect_folders(display.on_note)

@@ -123,7 +123,7 @@ class Lockstep:
         elif own is None or own == stamp:
             return False
         elif own == self._answered:
-            self._count_second_answer()
+            self._events.count("second answer")
         else:
             age = "older" if own < stamp else "newer"
             apart = 1e-9 * abs(own - stamp)
@@ -143,16 +143,13 @@ class Lockstep:
             if not received.obeyed:
                 self._note_foreign()
                 continue
-            self._count_second_answer()
+            self._events.count("second answer")
             if not self._stamped:
                 self._lose_determinism("a sample had a second answer")
 
     def _note_foreign(self, tick: int = -1) -> None:
         text = f"{self._wire.command_topic}: a second publisher; its command is not obeyed"
         self._events.add("other publisher", text, tick)
-
-    def _count_second_answer(self) -> None:
-        self._events.counts["second answer"] = self._events.counts.get("second answer", 0) + 1
 
     def _lose_determinism(self, why: str) -> None:
         if self._deterministic:

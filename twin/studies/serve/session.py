@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from twin.kernel.cosim.deadlines import Deadlines
-from twin.kernel.cosim.observers import Level, Observer, TickEvent
+from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.cosim.port import width
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import ComponentFailed, EndRequest, InputRefused, SafetyTrip
@@ -92,14 +92,14 @@ class WireProcess:
 
     Attributes:
         mailbox: mailbox shared with the process.
-        events: events (tick, or -1 for the present one; level; text) to be recorded.
+        events: events (tick, or -1 for the present one; text) to be recorded.
         summary: facts about the exchange, once the process has ended.
     """
 
     def __init__(self, say: Callable[[str], None]):
         self._say, self._process, self._ready = say, GuardedProcess(WIRE_JOB), False
         self.mailbox = Mailbox(self._process.box.fd, width(SAMPLE_PORTS), width(COMMAND_PORTS))
-        self.events: list[tuple[int, Level, str]] = []
+        self.events: list[tuple[int, str]] = []
         self.summary: dict[str, Any] = {}
 
     def __enter__(self) -> Self:
@@ -122,7 +122,7 @@ class WireProcess:
             if "waiting" in note:
                 self._say(note["waiting"])
             if "event" in note:
-                self.events.append((note.get("tick", -1), note.get("level", "WARNING"), note["event"]))
+                self.events.append((note["tick"], note["event"]))
             self._ready |= bool(note.get("ready"))
             self.summary = report.get("finished", self.summary)
         if self._process.gone and not self.summary:
@@ -196,8 +196,8 @@ class ServedRobot(Observer):
         # in lockstep the wire reports before it answers, so that events of this slice have arrived
         self._wire.poll()
         last = max(first, first + len(rows) - 1)
-        for tick, level, text in self._wire.events:
-            events.append(TickEvent(min(max(tick, first), last) if tick >= 0 else last, level, text, "wire"))
+        for tick, text in self._wire.events:
+            events.append(TickEvent(min(max(tick, first), last) if tick >= 0 else last, "WARNING", text, "wire"))
         self._wire.events.clear()
         events.sort(key=lambda event: event.tick)
         if commands := self._wire.mailbox.commands.pop_all():
@@ -363,14 +363,13 @@ def _compare(
     A measure that is undefined for this run deviates, since the baseline has a value.
     """
     from twin.kernel.serialise import to_dict
-    from twin.robot.mechanism.geometry import geometry_of
-    from twin.studies.check.measurement import Signals, measure_signals
+    from twin.robot.assembly.roles import third_party_parts
+    from twin.studies.check.measurement import measure_signals, recorded_signals
     from twin.studies.check.text import check_result
     from twin.studies.check.verdict import verdict
     from twin.studies.result import render_text
 
-    fmus = {fmu.path.name: fmu.sha256 for plan in planned_drives(experiment) for fmu in plan.parts.values()}
-    signals = Signals(trace, geometry_of(experiment.controller.model), fmus)
+    signals = recorded_signals(experiment, trace, planned_drives(experiment), third_party_parts(experiment))
     try:
         found = verdict(experiment, drive, baseline, measure_signals(experiment, signals))
     except InputRefused as undefined:

@@ -75,12 +75,17 @@ class WireEvents:
         self._reporter = reporter
         self.counts: dict[str, int] = {}
 
-    def add(self, reason: str, text: str, tick: int = -1, level: str = "WARNING") -> None:
+    def count(self, reason: str) -> int:
+        """Count an event without reporting it; return the number of its reason."""
+        self.counts[reason] = self.counts.get(reason, 0) + 1
+        return self.counts[reason]
+
+    def add(self, reason: str, text: str, tick: int = -1) -> None:
         """Count an event, and report it unless many of the same reason have been reported."""
-        self.counts[reason] = count = self.counts.get(reason, 0) + 1
+        count = self.count(reason)
         if count <= MAX_EVENTS:
             more = "; more of this kind are only counted" if count == MAX_EVENTS else ""
-            self._reporter.note(event=text + more, level=level, tick=tick)
+            self._reporter.note(event=text + more, tick=tick)
 
 
 class Publishers:

@@ -136,9 +136,10 @@ def capability(experiment: Experiment, rank: bool = True, say: Say = ignore_prog
     J, inside = jacobian(geometry, pose), jacobian(geometry, cylinder_poses(radius, bottom, top) if radius else pose)
     k, back = plant.k_s * plant.N**2 * plant.eta, np.linalg.inv(J).T
     masses = Masses(plant.m_a, plant.m_b, plant.m_p, plant.I_r)
-    weight = force_on_environment(geometry, masses, joint_angles(geometry, pose), pose, np.zeros(3))
-    theta_l = joint_angles(geometry, pose)[:, None]
-    d = geometry.l_a * (-np.sin(theta_l) * OUTWARD - np.cos(theta_l) * np.array([0.0, 0.0, 1.0]))
+    theta_l = joint_angles(geometry, pose)
+    weight = force_on_environment(geometry, masses, theta_l, pose, np.zeros(3))
+    sine, cosine = np.sin(theta_l)[:, None], np.cos(theta_l)[:, None]
+    d = geometry.l_a * (-sine * OUTWARD - cosine * np.array([0.0, 0.0, 1.0]))
     mass = moving_mass(masses) + np.sum(leg_inertia(geometry, masses) * J**2 + plant.m_b / 3.0 * d * J, axis=0)
     say("drives", 0.0)
     # equal drives are measured once
