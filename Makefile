@@ -42,7 +42,7 @@ lint: $(VENV)/.test-$(EXTRAS)  ## what `make test` runs beside the tests
 
 endurance: $(VENV)/.test-$(EXTRAS)  ## the long tests, and new examples of every property; SEED=n draws those of n again
 	@seed=$(or $(SEED),$$(date +%s)); echo "draws the same examples again: make endurance SEED=$$seed"; \
-	$(PYTEST) -m "endurance or hypothesis" \
+	$(PYTEST) --timeout 0 -m "endurance or hypothesis" \
 	  --hypothesis-profile endurance --hypothesis-seed $$seed || { echo "failed with SEED=$$seed"; exit 1; }
 
 # QUICK=1: a part of them; BASE=commit: another commit; ONLY='run pressing*': those cases; KEEP=folder: what they leave

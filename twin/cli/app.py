@@ -201,8 +201,8 @@ def run_command_line(words: list[str]) -> int:
 def current_spelling(words: list[str]) -> list[str]:
     """Translate spellings of command-line options that click does not know.
 
-    These are --isolate without a value, --no-isolate, --realtime, whose next word click would take as the value, and
-    `PAIR_OPTIONS` with several words, of which click would take one.
+    These are --isolate without a value, --no-isolate, --realtime, whose next word click would read as its value, and
+    `PAIR_OPTIONS` with several words, where click accepts a single word.
     """
     spelt, values = {"--no-isolate": "--isolate=none", "--realtime": "--realtime=1"}, typing.get_args(Isolation)
     found: list[str] = []

@@ -49,7 +49,7 @@ def serve(
         Option("Commands: stamped sensor_msgs/JointState, or std_msgs/Float64MultiArray without stamps."),
     ] = "joint",
     command_topic: Annotated[
-        str | None, Option("Topic of the commands; default: that of ros2_control for the type.", "TOPIC")
+        str | None, Option("Topic of the commands; default: the topic of ros2_control for the type.", "TOPIC")
     ] = None,
     names: Annotated[str, Option("Names of the joints, motors then links, with commas.", "NAMES")] = JOINT_NAMES,
     domain: Annotated[
@@ -67,7 +67,7 @@ def serve(
     ] = 100.0,
     check: Annotated[bool, Option("Compare with the baseline, as twin check does; needs --lockstep.")] = False,
     baselines: Annotated[
-        Path | None, Option("With --check: folder of baselines; default: that of twin check.", "DIR")
+        Path | None, Option("With --check: folder of baselines; default: the folder of twin check.", "DIR")
     ] = None,
     out: Annotated[Path | None, Option("Folder of the run; default: results/EXPERIMENT/TIME.", "DIR")] = None,
     as_json: Annotated[bool, Option("Print one JSON object instead of text.", flags="--json")] = False,

@@ -34,7 +34,7 @@ def init(
     It runs unchanged from any folder. The JSON Schema for editors is written
     next to it if missing. With --robot the experiment moves to another robot,
     whose file --lengths-mm writes first; masses and springs that are not given
-    are those of the shipped robot. No file is overwritten.
+    come from the shipped robot. No file is overwritten.
 
     Exit code: 0 written, 2 refused.
 

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from subprocess import PIPE, Popen
 
@@ -42,13 +43,13 @@ def angles(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture
-def start(loopback: dict[str, str]) -> Iterator[Start]:
-    """Starts processes, which end with the test."""
+@contextmanager
+def processes(variables: dict[str, str]) -> Iterator[Start]:
+    """Yield a function that starts processes with these variables, and others; they end with the block."""
     begun: list[Popen[str]] = []
 
-    def run(*words: object, **variables: str) -> Popen[str]:
-        one = Popen([*map(str, words)], stdout=PIPE, stderr=PIPE, text=True, env=loopback | variables, cwd=ROOT)
+    def run(*words: object, **changed: str) -> Popen[str]:
+        one = Popen([*map(str, words)], stdout=PIPE, stderr=PIPE, text=True, env=variables | changed, cwd=ROOT)
         begun.append(one)
         return one
 
@@ -57,3 +58,9 @@ def start(loopback: dict[str, str]) -> Iterator[Start]:
         if one.poll() is None:
             one.kill()
         one.communicate()
+
+
+@pytest.fixture
+def start(loopback: dict[str, str]) -> Iterator[Start]:
+    with processes(loopback) as run:
+        yield run

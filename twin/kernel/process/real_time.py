@@ -10,8 +10,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 SOURCE_PRIORITY, RECEIVER_PRIORITY, WORKER_PRIORITY = 40, 20, 10
-"""SCHED_FIFO priorities: of a paced simulation to which other programs listen, of threads that receive messages, and of
-threads that process them. The source needs little time, and all others wait for it."""
+"""SCHED_FIFO priorities of a served simulation, of threads that receive messages, and of threads that process them. The
+simulation needs little time, and all others wait for it."""
 HELPER_DISTANCE = 5
 """Difference of the SCHED_FIFO priorities of a thread and its helper."""
 SWITCH_INTERVAL = 2e-5

@@ -81,7 +81,8 @@ def working_space(robot: Robot) -> tuple[float, dict[str, tuple[float, str]], Mo
     """
     home = 1e3 * home_height(geometry_of(robot))
     if found := find_obstruction(robot, np.array([[0.0, 0.0, 1e-3 * home]])):
-        raise InputRefused(f"no home pose: {found[1].partition('; ')[0]}; change the lengths, or --set that of [robot]")
+        reason = found[1].partition("; ")[0]
+        raise InputRefused(f"no home pose: {reason}; change the lengths, or --set the key of [robot]")
     surface, belief, problem = float(round(home + PRESS_DEPTH)), monitor_belief(robot), ""
     for share in SPACE_SHARES:
         limits = {key: round(share * d + surface * key.startswith("z"), 1) for key, d in SPACE.items()}

@@ -74,7 +74,7 @@ class DeclaredTables:
         return {**self.needed, **self.optional}
 
     def third_party_model(self, role: str) -> type[Settings]:
-        """Return the table model of a third-party part, in which only keys that twin needs are mandatory."""
+        """Return the table model of a third-party part, with mandatory keys only where twin needs them."""
         model = self.tables[role]
         idle: dict[str, Any] = {
             name: (Any, None)
@@ -192,7 +192,7 @@ def checked_tasks(kinds: Mapping[str, type[Task]], tables: Any, mistakes: list[s
 class Cosim(Settings):
     """[cosim]: stepping of the components."""
 
-    tick: float = setting("ms", gt=0, help="step H of the co-simulation, in which the components exchange their values")
+    tick: float = setting("ms", gt=0, help="communication step H of the co-simulation")
     scheme: Literal["gauss_seidel", "jacobi"] = setting(
         help="order of drives and plant: the plant gets the motor angles of the end of the step, or of its beginning"
     )

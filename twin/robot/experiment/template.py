@@ -75,7 +75,7 @@ def commented_robot(declared: DeclaredTables, name: str, own: Source, remarks: C
         f"# Press with it: {shlex.join(['twin', 'init', 'press.toml', '--robot', name])}, then twin run press.toml",
         "#",
         "# A key's unit is in its name. A value whose source begins with 'computed' follows from the lengths. Lines",
-        f"# with # are not set: those of [robot] are inherited from {ROBOT_FILE}, others show the",
+        f"# with # are not set: keys of [robot] are inherited from {ROBOT_FILE}, others show the",
         "# default, or an example where there is none. Remove the # and set the robot's own value, with its source.",
         "",
         "# file with values for all keys that this one does not set",

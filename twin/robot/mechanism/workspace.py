@@ -20,7 +20,7 @@ from twin.robot.mechanism.unreachable import Unreachable
 BARS_PER_LEG = 3
 """Bars of a leg: its link and the two rods of its pair."""
 HOME_ANGLE = math.radians(20.0)
-"""Angle (rad) of all proximal links in the home pose, below the horizontal: that of the paper's robot as it presses."""
+"""Angle (rad) of all proximal links below the horizontal in the home pose; the paper's robot presses at this angle."""
 
 
 @njit(cache=True)

@@ -15,8 +15,7 @@ class FaultStarts:
     """Buttons that start the faults of a run: `fault.N.start` for the [[fault]] table N.
 
     Args:
-        moved: called with index, onset and end (ticks) of each fault that is started, before the slice in which it
-            begins.
+        moved: called with index, onset and end (ticks) of each started fault, before the slice of its onset.
 
     Attributes:
         keys: number of the table by key.

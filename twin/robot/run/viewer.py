@@ -58,7 +58,7 @@ class RemoteSide(Protocol):
     metadata: Mapping[str, str]
 
     def observers(self, recorder: Recorder, deadlines: Deadlines | None) -> Sequence[Observer]:
-        """Create the observers of a served run, called before those of the run itself.
+        """Create the observers of a served run; the run calls them before its own.
 
         Args:
             recorder: recorder of the run, with `topics`.

@@ -3,19 +3,18 @@
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from subprocess import PIPE, Popen
+from subprocess import Popen
 from typing import Any
 
 import pytest
 
 from tests.conftest import ROOT
-from tests.studies.shadow.conftest import LOOPBACK
+from tests.studies.shadow.conftest import LOOPBACK, Start, processes
 
 # the FMU builder, under the name that fmus/build.py uses
 sys.path.insert(0, str(ROOT / "fmus"))
-Start = Callable[..., Popen[str]]
 FAST_PROFILE = ROOT / "tests" / "studies" / "shadow" / "other_ends" / "fast" / "loopback.xml"
 
 
@@ -30,19 +29,8 @@ def variables(worker_id: str) -> dict[str, str]:
 
 @pytest.fixture
 def start(variables: dict[str, str]) -> Iterator[Start]:
-    """Starts processes, which end with the test."""
-    begun: list[Popen[str]] = []
-
-    def run(words: Sequence[object], **changed: str) -> Popen[str]:
-        one = Popen([*map(str, words)], stdout=PIPE, stderr=PIPE, text=True, env=variables | changed, cwd=ROOT)
-        begun.append(one)
-        return one
-
-    yield run
-    for one in begun:
-        if one.poll() is None:
-            one.kill()
-        one.communicate()
+    with processes(variables) as run:
+        yield run
 
 
 def serve_command(experiment: str, folder: Path, *options: str) -> list[str]:

@@ -31,8 +31,8 @@ def signals(served: Recording, own: Recording) -> set[str]:
 @pytest.mark.parametrize("name", CASES)
 def test_the_exported_controller_in_c_gives_every_signal_of_a_run_bit_for_bit(name: str, start: Start, tmp_path: Path):
     program = c_controller(name, tmp_path, CASES[name])
-    node = start([program])
-    facts = ended(start(serve_command(name, tmp_path / "served", "--lockstep", *settings_of(name))))
+    node = start(program)
+    facts = ended(start(*serve_command(name, tmp_path / "served", "--lockstep", *settings_of(name))))
     own = read(execute(load_experiment(name, CASES[name]), tmp_path / "own").recording)
     served = read(tmp_path / "served")
     samples = len(own["controller.omega_ref"])
@@ -46,8 +46,8 @@ def test_the_exported_controller_in_c_gives_every_signal_of_a_run_bit_for_bit(na
 @pytest.mark.parametrize("name", CASES)
 def test_another_law_with_mechanics_of_its_own_in_cpp_gives_them_to_rounding(name: str, start: Start, tmp_path: Path):
     experiment = load_experiment(name, CASES[name])
-    start(other_law(experiment, tmp_path))
-    ended(start(serve_command(name, tmp_path / "served", "--lockstep", *settings_of(name))))
+    start(*other_law(experiment, tmp_path))
+    ended(start(*serve_command(name, tmp_path / "served", "--lockstep", *settings_of(name))))
     own, served = read(execute(experiment, tmp_path / "own").recording), read(tmp_path / "served")
     for key in signals(served, own):
         # of the controller that runs beside, unread, too: it has the same counts

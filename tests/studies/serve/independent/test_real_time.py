@@ -12,7 +12,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from subprocess import Popen
 from typing import Any
 
 import pytest
@@ -22,8 +21,8 @@ from tests.conftest import ROOT
 from tests.studies.replay.logs import NOISE
 from tests.studies.serve.independent.conftest import Start, ended, serve_command
 from tests.studies.serve.independent.programs import c_controller
+from tests.studies.shadow.bad_network import NETWORK, bad_network
 from tests.studies.shadow.robots import effective
-from tests.studies.shadow.test_other_ends import lacking
 from twin.kernel.recording.reader import read
 
 pytestmark = pytest.mark.endurance
@@ -55,8 +54,8 @@ def settings(texts: tuple[str, ...]) -> list[str]:
 
 def test_at_1_khz_nothing_is_lost_and_commands_act_in_time(start: Start, tmp_path: Path):
     program = c_controller("pressing", tmp_path, (*PRESSING[:3], "monitor.enabled=false"))
-    node = start(urgent(program, "best_effort"))
-    facts = ended(start(serve_command("pressing", tmp_path / "served", *settings(PRESSING))), SECONDS + 120)
+    node = start(*urgent(program, "best_effort"))
+    facts = ended(start(*serve_command("pressing", tmp_path / "served", *settings(PRESSING))), SECONDS + 120)
     served = facts["served"]
     print(json.dumps({"served": served, "punctuality": facts["punctuality"], "hold": facts["measures"]["hold_error"]}))
     samples, answers, _ = map(int, node.communicate(timeout=30)[0].split())
@@ -69,43 +68,18 @@ def test_at_1_khz_nothing_is_lost_and_commands_act_in_time(start: Start, tmp_pat
 
 
 @pytest.fixture
-def bad_network() -> Iterator[None]:
+def lossy_network() -> Iterator[None]:
     """Controller and robot in network namespaces; 5 % of the commands are lost, and all within 20 ms of each second."""
-    if shutil.which("ip") is None:
-        lacking("iproute2")
-    relay_file = ROOT / "tests" / "studies" / "shadow" / "bad_wire.py"
-    wire = ["chrt", "-f", "18", sys.executable, str(relay_file), NODE, TWIN, "0.05", "0", "0", "0.02"]
-
-    def run(command: str) -> bool:
-        return subprocess.run(command.split(), capture_output=True, check=False).returncode == 0
-
-    done = [run(f"ip netns add {name}") for name in (NODE, TWIN)]
-    relay = Popen(wire, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        assert relay.stdout is not None and relay.stderr is not None
-        if not all(done) or relay.stdout.readline() != "ready\n":
-            pytest.skip(f"no network of its own here: {relay.stderr.read() if relay.poll() else 'ip netns'}")
-        for k, name in enumerate((NODE, TWIN)):
-            assert run(f"ip -n {name} addr add 10.214.0.{k + 1}/24 dev wire{k}")
-            assert run(f"ip -n {name} link set wire{k} up")
+    with bad_network(NODE, TWIN, "10.214.0", ("0.05", "0", "0", "0.02"), ("chrt", "-f", "18")):
         yield
-    finally:
-        relay.kill()
-        relay.communicate()
-        for name in (NODE, TWIN):
-            run(f"ip netns del {name}")
 
 
-@pytest.mark.usefixtures("bad_network")
+@pytest.mark.usefixtures("lossy_network")
 def test_lost_commands_are_counted_and_the_force_is_held_without_a_trip(start: Start, tmp_path: Path):
-    network = (
-        "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='{}'/></Interfaces></General></Domain>"
-        "</CycloneDDS>"
-    )
     program = c_controller("pressing", tmp_path, (*PRESSING[:3], "monitor.enabled=false"))
-    node = start(["ip", "netns", "exec", NODE, *urgent(program)], CYCLONEDDS_URI=network.format("wire0"))
+    node = start("ip", "netns", "exec", NODE, *urgent(program), CYCLONEDDS_URI=NETWORK.format("wire0"))
     words = serve_command("pressing", tmp_path / "served", *settings(PRESSING))
-    robot = start(["ip", "netns", "exec", TWIN, *words], CYCLONEDDS_URI=network.format("wire1"))
+    robot = start("ip", "netns", "exec", TWIN, *words, CYCLONEDDS_URI=NETWORK.format("wire1"))
     facts = ended(robot, SECONDS + 120)
     served = facts["served"]
     print(json.dumps({"served": served, "punctuality": facts["punctuality"], "hold": facts["measures"]["hold_error"]}))
@@ -124,10 +98,10 @@ def followed(
 ) -> tuple[dict[str, Any], Path]:
     """Facts and folder of `twin shadow` beside the served robot, with settings of the robot and words of the twin."""
     program = c_controller(name, folder, (*robot[:2], "monitor.enabled=false"))
-    start(urgent(program))
-    served = start(serve_command(name, folder / "served", *settings(robot)))
+    start(*urgent(program))
+    served = start(*serve_command(name, folder / "served", *settings(robot)))
     words = [sys.executable, "-m", "twin", "shadow", name, "--source", "ros2:/joint_states", "--map", MAP, *twin]
-    shadow = start([*words, "--duration-s", seconds, "--json", "--out", folder / "shadow"])
+    shadow = start(*words, "--duration-s", seconds, "--json", "--out", folder / "shadow")
     out, err = shadow.communicate(timeout=seconds + 400)
     served.send_signal(signal.SIGINT)
     served.communicate(timeout=60)
