@@ -13,8 +13,8 @@ from twin.kernel.recording.reader import Recording
 
 ENDS = {"falsify": 1}
 """Exit codes: what is shown is a requirement that does not hold."""
-SERVES = ("explore",)
-"""Go on until they are ended: tests/browser/explore has their example."""
+SERVES = ("explore", "serve")
+"""Last until they are ended, or wait for a controller: tests/browser/explore and tests/studies/serve run them."""
 LONG = ("converge", "faults", "safety", "tune")
 """Ten seconds each: `make endurance` tries them, and `make test` what they run by shorter ones of its own."""
 
