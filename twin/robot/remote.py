@@ -225,7 +225,7 @@ def _wait_for_answer(m, t, h):
             if m.mark != 0:
                 carray(integers_at(m.mark), 2)[1] = NO_COMPONENT
             # Python handles signals only in a call of its own
-            status = call_step(m.check, 0, t, h, 0, 0)
+            status = call_step(m.check, (0, t, h, 0, 0))
             if status != 0:
                 return status
 

@@ -21,6 +21,7 @@ bytes_at = pointer_to(np.uint8)
 integers_at = pointer_to(np.uint64)
 """View of unsigned integers at an address; an index read from it cannot be negative, which saves a check."""
 pieces_at = pointer_to(PIECE_RECORD)
+_C_TYPES = {"double": "f64", "size": "i64", "int": "i32", "byte": "i8"}
 
 
 def step_function(
@@ -39,19 +40,40 @@ def step_function(
     return lambda function: Native("int32", takes, function)
 
 
-@intrinsic
-def call_step(typingctx, function, self, t, h, u, y):
-    """Call the compiled step of a component, `int32 step(self, t, h, u, y)`, at address `function`."""
-    signature = types.int32(types.int64, types.int64, types.float64, types.float64, types.int64, types.int64)
+def c_function(returns: str, *kinds: str, convert: Callable | None = None) -> Any:
+    """Create a function (address, (arguments)) for compiled code that calls the C function at that address.
 
-    def codegen(context, builder, signature, arguments):
-        f, self_, t_, h_, u_, y_ = arguments
-        kind = ir.FunctionType(c.i32, [c.pointer, c.f64, c.f64, c.pointer, c.pointer])
-        pointers = [builder.inttoptr(value, c.pointer) for value in (self_, u_, y_)]
-        target = builder.inttoptr(f, kind.as_pointer())
-        return builder.call(target, [pointers[0], t_, h_, pointers[1], pointers[2]])
+    Arguments and result are "pointer", "double", "size" (64 bit), "int" (32 bit) or "byte"; compiled code has a float64
+    for a double and an int64 for the others. `convert(builder, value)` makes that int64 of the result instead.
+    """
 
-    return signature, codegen
+    @intrinsic
+    def call(typingctx, function, arguments):
+        native, *takes = (getattr(c, _C_TYPES.get(kind, kind)) for kind in (returns, *kinds))
+
+        def codegen(context, builder, signature, given):
+            passed = []
+            for i, kind in enumerate(kinds):
+                value = builder.extract_value(given[1], i)
+                if kind == "pointer":
+                    value = builder.inttoptr(value, c.pointer)
+                elif kind in ("int", "byte"):
+                    value = builder.trunc(value, takes[i])
+                passed.append(value)
+            target = builder.inttoptr(given[0], ir.FunctionType(native, takes).as_pointer())
+            returned = builder.call(target, passed)
+            if convert:
+                return convert(builder, returned)
+            return builder.ptrtoint(returned, c.i64) if returns == "pointer" else builder.sext(returned, c.i64)
+
+        given = [types.float64 if kind == "double" else types.int64 for kind in kinds]
+        return types.int64(types.int64, types.Tuple(given)), codegen
+
+    return call
+
+
+call_step = c_function("int", "pointer", "double", "double", "pointer", "pointer")
+"""Step of a component, `int32 step(self, t, h, u, y)`, called by its address."""
 
 
 @intrinsic

@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from twin.kernel.compiled.function import c, carray, intrinsic, ir, njit, pointer_to, types
+from twin.kernel.compiled.function import carray, njit, pointer_to
 from twin.kernel.compiled.native import entry
+from twin.kernel.cosim.component import c_function
 from twin.kernel.cosim.histogram import Histogram, count_in
 from twin.kernel.cosim.port import memory_of, record
 
@@ -78,43 +79,15 @@ def callbacks(monotonic: Any, sleep: Any) -> tuple[Any, Any]:
     return clock, sleep_until
 
 
-def _pointer_call(arguments: str) -> Any:
-    """Make a function for compiled code that calls the C function `int f(...)` at an address."""
-
-    def call(typingctx, function, first, second, third, fourth):
-        kinds = [c.i32 if one == "i" else c.pointer for one in arguments]
-
-        def codegen(context, builder, signature, values):
-            kind = ir.FunctionType(c.i32, kinds)
-            given = [
-                builder.trunc(value, c.i32) if one == "i" else builder.inttoptr(value, c.pointer)
-                for one, value in zip(arguments, values[1:], strict=False)
-            ]
-            return builder.call(builder.inttoptr(values[0], kind.as_pointer()), given)
-
-        return types.int32(*[types.int64] * 5), codegen
-
-    return intrinsic(call)
-
-
-_clock_call, _sleep_call = _pointer_call("ip"), _pointer_call("iipp")
-
-
-@intrinsic
-def _advance_call(typingctx, function, loop, first, count, row):
-    """Call `int64 advance(loop, first, count, row)` at an address, in compiled code."""
-
-    def codegen(context, builder, signature, values):
-        kind = ir.FunctionType(c.i64, [c.i64] * 4)
-        return builder.call(builder.inttoptr(values[0], kind.as_pointer()), values[1:])
-
-    return types.int64(*[types.int64] * 5), codegen
+_clock_call = c_function("int", "int", "pointer")
+_sleep_call = c_function("int", "int", "int", "pointer", "pointer")
+_advance_call = c_function("size", "size", "size", "size", "size")
 
 
 @njit(cache=True)
 def _clock_ns(m):
     """Read the monotonic clock (ns)."""
-    _clock_call(m.clock, m.clock_id, m.time, 0, 0)
+    _clock_call(m.clock, (m.clock_id, m.time))
     at = carray(_times_at(m.time), 2)
     return at[0] * NS_PER_SECOND + at[1]
 
@@ -130,7 +103,7 @@ def _wait_until_due(m, k):
     if now < due:
         at = carray(_times_at(m.time), 2)
         at[0], at[1] = due // NS_PER_SECOND, due % NS_PER_SECOND
-        interrupted = _sleep_call(m.sleep, m.clock_id, TIMER_ABSTIME, m.time, 0) != 0
+        interrupted = _sleep_call(m.sleep, (m.clock_id, TIMER_ABSTIME, m.time, 0)) != 0
         woken = _clock_ns(m)
         m.waited += 1e-9 * (woken - now)
         if interrupted:
@@ -164,7 +137,7 @@ def advance(deadlines, first, count, row):
         if k % m.every == 0 and k > m.start and not _wait_until_due(m, k):
             return done
         most = min(m.every - k % m.every, count - done)
-        made = _advance_call(m.advance, m.loop, k, most, row + done)
+        made = _advance_call(m.advance, (m.loop, k, most, row + done))
         if made < 0:
             return made - done
         done += made

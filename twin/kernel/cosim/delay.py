@@ -66,7 +66,7 @@ def _play(
     j = 0
     for k in range(count):
         for _ in range(steps[k]):
-            status = call_step(step, self, t[j], h[j], u_address + j * u_bytes, y_address)
+            status = call_step(step, (self, t[j], h[j], u_address + j * u_bytes, y_address))
             if status != 0 and status != 1:
                 failed[0] = status
                 return k

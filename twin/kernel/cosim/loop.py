@@ -109,11 +109,11 @@ def _run_pass(m, t, h):
         part = members[c]
         _gather(m, part)
         if part.react != 0:
-            status = call_step(part.react, part.self, t, h, part.u, part.y)
+            status = call_step(part.react, (part.self, t, h, part.u, part.y))
         else:
-            status = call_step(part.restore, part.rewind, 0.0, 0.0, 0, 0)
+            status = call_step(part.restore, (part.rewind, 0.0, 0.0, 0, 0))
             if status == 0:
-                status = call_step(part.step, part.self, t, h, part.u, part.y)
+                status = call_step(part.step, (part.self, t, h, part.u, part.y))
         if not _check_member(m, c, part, status):
             return False
     values = carray(doubles_at(m.values), m.given + m.outputs + m.size)
@@ -270,9 +270,9 @@ def _step(m, t, h, u, y):
     for c in range(m.count):
         part = members[c]
         if part.react != 0:
-            status = call_step(part.step, part.self, t, h, part.u, part.y)
+            status = call_step(part.step, (part.self, t, h, part.u, part.y))
         else:
-            status = call_step(part.save, part.rewind, 0.0, 0.0, 0, 0)
+            status = call_step(part.save, (part.rewind, 0.0, 0.0, 0, 0))
         if not _check_member(m, c, part, status):
             return MEMBER_FAILED
     status = _solve(m, t, h)

@@ -75,7 +75,7 @@ def _step(part, timed, y, t, dt, width, again, held):
         for j in range(part.u_size):
             i = sources[j]
             u[j] = weights[j, 0] * y[i] + weights[j, 1] * y[width + i] + weights[j, 2] * y[2 * width + i]
-    status = call_step(part.step, part.self, t, part.period * dt, part.u, part.newest)
+    status = call_step(part.step, (part.self, t, part.period * dt, part.u, part.newest))
     if timed:
         part.cycles += clock_cycles() - began
     if status != 0 and status != 1:
@@ -110,7 +110,7 @@ def _call_all(m, table, mark, restoring):
     """Save or restore every continuous component; return False, and set `status`, if one fails."""
     for c in range(m.sampled, m.components):
         mark[1] = c
-        status = call_step(table[c].restore if restoring else table[c].save, table[c].rewind, 0.0, 0.0, 0, 0)
+        status = call_step(table[c].restore if restoring else table[c].save, (table[c].rewind, 0.0, 0.0, 0, 0))
         if status != 0:
             m.culprit, m.status = c, status
             return False

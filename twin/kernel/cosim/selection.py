@@ -27,7 +27,7 @@ def _step(m, t, h, u, y):
     outer, taken, inner = carray(u, 1), carray(integers_at(m.taken), m.inputs), carray(doubles_at(m.u), m.inputs)
     for i in range(m.inputs):
         inner[i] = outer[taken[i]]
-    status = call_step(m.step, m.self, t, h, m.u, m.y)
+    status = call_step(m.step, (m.self, t, h, m.u, m.y))
     out, given, values = carray(y, m.width), carray(integers_at(m.given), m.outputs), carray(doubles_at(m.y), m.outputs)
     for i in range(m.width):
         out[i] = 0.0

@@ -12,20 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from twin.kernel.compiled.function import c, carray, intrinsic, ir, njit, pointer_to, types
+from twin.kernel.compiled.function import c, carray, njit, pointer_to
 from twin.kernel.compiled.native import Native
-from twin.kernel.cosim.component import address_of, doubles_at, integers_at
+from twin.kernel.cosim.component import address_of, c_function, doubles_at, integers_at
 from twin.kernel.cosim.port import record
 from twin.kernel.fmi.variable import FLOAT_32, FLOAT_64, MAX_EXACT, WHOLE_HIGH, WHOLE_LOW
 from twin.kernel.hooks import HOOKS
 
-_ARGUMENT_TYPES = {
-    "pointer": ("int64", "pointer"),
-    "double": ("float64", "f64"),
-    "size": ("int64", "i64"),
-    "int": ("int64", "i32"),
-    "byte": ("int64", "i8"),
-}
 INVALID_STATUS, STATUS_WIDTH = 15, 16
 """Code of an integer outside the statuses of every FMI version, and the bit at which that integer is stored."""
 SET_FAILED, DO_STEP_FAILED, GET_FAILED, TERMINATE_REQUEST, SAVE_FAILED, RESTORE_FAILED = 16, 32, 48, 64, 80, 96
@@ -132,77 +125,54 @@ def announce_call(file: str, instance: str, function: str) -> Iterator[None]:
             hook(file, instance, "")
 
 
-def c_function(*kinds: str, returns: str = "status") -> Any:
-    """Create a function (address, (arguments)) for compiled code that calls the C function at that address.
+def _wide_status(builder, returned):
+    wide = builder.zext(returned, c.i64)
+    other = builder.or_(builder.shl(wide, c.i64(STATUS_WIDTH)), c.i64(INVALID_STATUS))
+    return builder.select(builder.icmp_unsigned(">", returned, c.i32(5)), other, wide)
 
-    Arguments are "pointer", "double", "size" (64 bit), "int" (32 bit), "byte"; it returns "status", "int" or "pointer".
-    A status is a 64-bit integer: 0 .. 5 unchanged, any other value as `INVALID_STATUS` plus the unsigned status shifted
-    left by `STATUS_WIDTH` bits.
+
+def fmi_function(*kinds: str) -> Any:
+    """Create a function for compiled code that calls the FMI function at an address, see `c_function`.
+
+    It returns the statuses 0 .. 5 unchanged, any other value as `INVALID_STATUS` plus the unsigned status shifted left
+    by `STATUS_WIDTH` bits.
     """
-
-    @intrinsic
-    def call(typingctx, function, arguments):
-        result = types.int32 if returns == "int" else types.int64
-        own = "pointer" if returns == "pointer" else "int"
-        native = [getattr(c, _ARGUMENT_TYPES[kind][1]) for kind in kinds]
-
-        def codegen(context, builder, _, given):
-            target = ir.FunctionType(getattr(c, _ARGUMENT_TYPES[own][1]), native).as_pointer()
-            passed = []
-            for i, kind in enumerate(kinds):
-                value = builder.extract_value(given[1], i)
-                if kind == "pointer":
-                    value = builder.inttoptr(value, c.pointer)
-                elif kind in ("int", "byte"):
-                    value = builder.trunc(value, native[i])
-                passed.append(value)
-            returned = builder.call(builder.inttoptr(given[0], target), passed)
-            if returns == "pointer":
-                return builder.ptrtoint(returned, c.i64)
-            if returns == "int":
-                return returned
-            wide = builder.zext(returned, c.i64)
-            other = builder.or_(builder.shl(wide, c.i64(STATUS_WIDTH)), c.i64(INVALID_STATUS))
-            return builder.select(builder.icmp_unsigned(">", returned, c.i32(5)), other, wide)
-
-        return result(types.int64, types.Tuple([getattr(types, _ARGUMENT_TYPES[kind][0]) for kind in kinds])), codegen
-
-    return call
+    return c_function("int", *kinds, convert=_wide_status)
 
 
-access_2 = c_function("pointer", "pointer", "size", "pointer")
+access_2 = fmi_function("pointer", "pointer", "size", "pointer")
 """`fmi2SetX|fmi2GetX(c, vr, nvr, values)`, their equivalents in FMI 1.0, `fmi3SetClock|fmi3GetClock`."""
-access_3 = c_function("pointer", "pointer", "size", "pointer", "size")
+access_3 = fmi_function("pointer", "pointer", "size", "pointer", "size")
 """`fmi3SetX|fmi3GetX(instance, vr, nvr, values, nValues)`."""
-access_pairs = c_function("pointer", "pointer", "size", "pointer", "pointer")
+access_pairs = fmi_function("pointer", "pointer", "size", "pointer", "pointer")
 """`fmi2SetRealInputDerivatives(c, vr, nvr, orders, values)`, `fmi3GetIntervalDecimal(.., intervals, qualifiers)`."""
-do_step_2 = c_function("pointer", "double", "double", "int")
+do_step_2 = fmi_function("pointer", "double", "double", "int")
 """`fmi2DoStep(c, t, h, final)`; `final`: no state before `t` will be restored.
 
 In FMI 1.0 the last argument is a char that marks a new step; it is passed in the same way.
 """
-do_step_3 = c_function("pointer", "double", "double", "byte", "pointer", "pointer", "pointer", "pointer")
+do_step_3 = fmi_function("pointer", "double", "double", "byte", "pointer", "pointer", "pointer", "pointer")
 """`fmi3DoStep(instance, t, h, final, &event, &terminate, &early, &lastTime)`."""
-ask_status = c_function("pointer", "int", "pointer")
+ask_status = fmi_function("pointer", "int", "pointer")
 """`fmi2GetRealStatus|fmi2GetBooleanStatus(c, kind, value)`."""
-call_instance = c_function("pointer")
+call_instance = fmi_function("pointer")
 """`fmiNEnterEventMode(c)`, `fmi3EnterStepMode(c)`, `fmiNEnterContinuousTimeMode(c)`."""
-update_3 = c_function("pointer", "pointer", "pointer", "pointer", "pointer", "pointer", "pointer")
+update_3 = fmi_function("pointer", "pointer", "pointer", "pointer", "pointer", "pointer", "pointer")
 """`fmi3UpdateDiscreteStates(c, five flags, next time)`."""
-call_pointer = c_function("pointer", "pointer")
+call_pointer = fmi_function("pointer", "pointer")
 """`fmiNGetFMUState(c, state)`, `fmi2NewDiscreteStates(c, info)`, `fmi3GetNumberOfContinuousStates(c, n)`."""
-call_time = c_function("pointer", "double")
+call_time = fmi_function("pointer", "double")
 """`fmiNSetTime(c, t)`, `CVodeSetStopTime(memory, t)`."""
-call_doubles = c_function("pointer", "pointer", "size")
+call_doubles = fmi_function("pointer", "pointer", "size")
 """`fmiNSetContinuousStates(c, x, n)` and all other functions of states, derivatives and event indicators."""
-completed_2 = c_function("pointer", "int", "pointer", "pointer")
-completed_3 = c_function("pointer", "byte", "pointer", "pointer")
+completed_2 = fmi_function("pointer", "int", "pointer", "pointer")
+completed_3 = fmi_function("pointer", "byte", "pointer", "pointer")
 """`fmiNCompletedIntegratorStep(c, noSetFMUStatePriorToCurrentPoint, enterEventMode, terminateSimulation)`."""
-start_at = c_function("pointer", "double", "pointer")
+start_at = fmi_function("pointer", "double", "pointer")
 """`CVodeReInit(memory, t, x)`, `CVodeSVtolerances(memory, relative, absolute)`."""
-one_step = c_function("pointer", "double", "pointer", "pointer", "int", returns="int")
+one_step = c_function("int", "pointer", "double", "pointer", "pointer", "int")
 """`CVode(memory, t_out, x, t_reached, task)`."""
-values_of = c_function("pointer", returns="pointer")
+values_of = c_function("pointer", "pointer")
 """`N_VGetArrayPointer(vector)`."""
 
 

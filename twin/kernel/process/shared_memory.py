@@ -285,7 +285,7 @@ def serve(page, inputs, step, memory, numbers, kernel, nap):
         if times[1] == NO_STEP:
             return SERVE_ORDERED
         u = page + _INPUTS_OFFSET
-        status = call_step(step, memory, times[0], times[1], u, u + 8 * inputs)
+        status = call_step(step, (memory, times[0], times[1], u, u + 8 * inputs))
         carray(_i32(page + STATUS_OFFSET), 1)[0] = status
         set_and_wake(kernel, page + ANSWERED_OFFSET, page + CALLER_ASLEEP_OFFSET, number[0])
         number[0] = next_number(number[0])
