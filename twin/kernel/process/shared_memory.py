@@ -20,9 +20,9 @@ import sys
 
 import numpy as np
 
-from twin.kernel.compiled.function import c, carray, intrinsic, ir, njit, pointer_to, types
+from twin.kernel.compiled.function import c, carray, intrinsic, njit, pointer_to, types
 from twin.kernel.compiled.native import entry
-from twin.kernel.cosim.component import call_step, doubles_at, step_function
+from twin.kernel.cosim.component import c_function, call_step, doubles_at, step_function
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.black_box import INPUTS_AT
 from twin.kernel.process.job import MAX_WAIT_RATIO
@@ -90,15 +90,8 @@ def store(typingctx, address, value):
     return types.void(types.int64, types.int32), codegen
 
 
-@intrinsic
-def _syscall(typingctx, function, number, first, second, third, fourth, fifth):
-    """Call the system call `long syscall(long number, ...)` with five arguments."""
-
-    def codegen(context, builder, signature, arguments):
-        kind = ir.FunctionType(c.i64, [c.i64] * 6)
-        return builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
-
-    return types.int64(*[types.int64] * 7), codegen
+_syscall = c_function("size", *["size"] * 6)
+"""System call `long syscall(long number, ...)` with five arguments, at an address."""
 
 
 @njit(cache=True, nogil=True)
@@ -113,7 +106,7 @@ def set_and_wake(kernel, word, asleep, value):
     if load(asleep) != 0:
         store(asleep, 0)
         call = carray(_integers(kernel), 4)
-        _syscall(call[0], call[1], word, _FUTEX_WAKE, 1, 0, 0)
+        _syscall(call[0], (call[1], word, _FUTEX_WAKE, 1, 0, 0))
 
 
 @njit(cache=True, nogil=True)
@@ -130,7 +123,7 @@ def wait_once(kernel, word, asleep, value, patience):
     store(asleep, 1)
     if load(word) == present:
         call = carray(_integers(kernel), 4)
-        _syscall(call[0], call[1], word, _FUTEX_WAIT, present, patience, 0)
+        _syscall(call[0], (call[1], word, _FUTEX_WAIT, present, patience, 0))
     store(asleep, 0)
     return load(word) == value
 
@@ -144,7 +137,7 @@ def is_zombie(kernel, pid, info):
     """
     call = carray(_integers(kernel), 4)
     carray(_integers(info), 1)[0] = 0
-    _syscall(call[0], call[2], _P_PID, pid, info, _WEXITED_WNOHANG_WNOWAIT, 0)
+    _syscall(call[0], (call[2], _P_PID, pid, info, _WEXITED_WNOHANG_WNOWAIT, 0))
     return carray(_integers(info), 1)[0] != 0
 
 
@@ -157,7 +150,7 @@ def clock_time(kernel, clock, info):
     """
     call, times = carray(_integers(kernel), 4), carray(_integers(info), 2)
     times[0] = times[1] = 0
-    _syscall(call[0], call[3], clock, info, 0, 0, 0)
+    _syscall(call[0], (call[3], clock, info, 0, 0, 0))
     return times[0] + 1e-9 * times[1]
 
 
@@ -166,7 +159,7 @@ def monotonic_ns(kernel, info):
     """Return the time of the monotonic clock (ns); arguments as in `clock_time`."""
     call, times = carray(_integers(kernel), 4), carray(_integers(info), 2)
     times[0] = times[1] = 0
-    _syscall(call[0], call[3], _CLOCK_MONOTONIC, info, 0, 0, 0)
+    _syscall(call[0], (call[3], _CLOCK_MONOTONIC, info, 0, 0, 0))
     return times[0] * 1_000_000_000 + times[1]
 
 
