@@ -16,52 +16,7 @@ from twin.kernel.compiled.function import carray, copy, njit, pointer_to
 from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.component import address_of, bytes_at, copy_pieces, doubles_at, step_function
 from twin.kernel.cosim.port import record, state
-from twin.kernel.fmi.groups import (
-    DISCARD_STATUS,
-    DO_STEP_FAILED,
-    EARLY_RETURN,
-    ENDLESS_UPDATES,
-    EVENT_IN_PAST,
-    EVENT_MODE_FAILED,
-    GET_CLOCK_FAILED,
-    GET_FAILED,
-    INTERVAL_FAILED,
-    INVALID_INTERVAL,
-    MAX_HALVINGS,
-    MAX_PARTS,
-    MAX_STALLS,
-    MAX_UPDATES,
-    RESTORE_FAILED,
-    SAVE_FAILED,
-    SET_CLOCK_FAILED,
-    SET_FAILED,
-    STEP_MODE_FAILED,
-    STEP_STUCK,
-    TERMINATE_REQUEST,
-    TIME_OUTSIDE_STEP,
-    TIME_STALLED,
-    TOO_MANY_PARTS,
-    UPDATE_FAILED,
-    access,
-    access_2,
-    access_pairs,
-    ask_status,
-    begin_ramp,
-    call_instance,
-    call_pointer,
-    do_step_2,
-    do_step_3,
-    drain,
-    fill,
-    get_all,
-    groups_at,
-    note_variable,
-    ramp_status,
-    set_all,
-    set_ramp,
-    store_status,
-    update_3,
-)
+from twin.kernel.fmi import groups
 from twin.kernel.settings import fields_of_form
 
 DISCARD_RECORD = record(
@@ -163,14 +118,14 @@ def _reached_time(s, instance, here, goal, close):
     s.flag, s.value = 0, np.nan
     if (
         s.boolean_status != 0
-        and ask_status(s.boolean_status, (instance, TERMINATED_KIND, s.flag_at)) <= 1
+        and groups.ask_status(s.boolean_status, (instance, TERMINATED_KIND, s.flag_at)) <= 1
         and s.flag != 0
     ):
-        return np.nan, TERMINATE_REQUEST
-    if ask_status(s.real_status, (instance, LAST_SUCCESSFUL_TIME, s.value_at)) > 1 or s.varies == 0:
-        return np.nan, DO_STEP_FAILED + DISCARD_STATUS
+        return np.nan, groups.TERMINATE_REQUEST
+    if groups.ask_status(s.real_status, (instance, LAST_SUCCESSFUL_TIME, s.value_at)) > 1 or s.varies == 0:
+        return np.nan, groups.DO_STEP_FAILED + groups.DISCARD_STATUS
     if not (here - close <= s.value <= goal + close):
-        return np.nan, TIME_OUTSIDE_STEP
+        return np.nan, groups.TIME_OUTSIDE_STEP
     return s.value, 0
 
 
@@ -183,11 +138,11 @@ def continue_discarded_step(address, ramp, do_step, instance, t, h, final):
     s = carray(_shorter_at(address), 1)[0]
     close = 1e-9 * h
     here, end, part, halved = t, t + h, h, 0
-    status = DISCARD_STATUS
+    status = groups.DISCARD_STATUS
     if s.discarded == 0:
         s.since = t
-    for _ in range(MAX_PARTS):
-        if status == DISCARD_STATUS:
+    for _ in range(groups.MAX_PARTS):
+        if status == groups.DISCARD_STATUS:
             s.discarded += 1
             reached, bad = _reached_time(s, instance, here, here + part, close)
             if bad != 0:
@@ -196,95 +151,94 @@ def continue_discarded_step(address, ramp, do_step, instance, t, h, final):
                 part, here, halved = reached - here, reached, 0
             else:
                 part, halved = 0.5 * part, halved + 1
-                if halved > MAX_HALVINGS:
+                if halved > groups.MAX_HALVINGS:
                     s.value = here
-                    return STEP_STUCK
+                    return groups.STEP_STUCK
         elif status > 1:
-            return DO_STEP_FAILED + status
+            return groups.DO_STEP_FAILED + status
         else:
             here, part, halved = here + part, 2.0 * part, 0
         if end - here <= close:
             return 0
         part = min(part, end - here)
         if ramp != 0:
-            bad = set_ramp(ramp, here)
+            bad = groups.set_ramp(ramp, here)
             if bad != 0:
                 return bad
-        status = do_step_2(do_step, (instance, here, part, final))
+        status = groups.do_step_2(do_step, (instance, here, part, final))
     s.value = here
-    return TOO_MANY_PARTS
+    return groups.TOO_MANY_PARTS
 
 
 @njit(cache=True, inline="always")
 def _step_2(address, ramp, do_step, instance, t, h, final):
     """Step an FMU of FMI 1.0 or 2.0, in parts if the step is discarded; return 0 or a failure status."""
-    status = do_step_2(do_step, (instance, t, h, final))
-    if status == DISCARD_STATUS:
+    status = groups.do_step_2(do_step, (instance, t, h, final))
+    if status == groups.DISCARD_STATUS:
         return continue_discarded_step(address, ramp, do_step, instance, t, h, final)
-    return DO_STEP_FAILED + status if status > 1 else 0
+    return groups.failure(groups.DO_STEP_FAILED, status)
 
 
 @step_function(STEP_MEMORY)
 def step(m, t, h, u, y):
-    return store_status(m.note, _step(m, t, h, address_of(u), address_of(y)))
+    return groups.store_status(m.note, _step(m, t, h, address_of(u), address_of(y)))
 
 
 @njit(cache=True, inline="always")
 def _step(m, t, h, u, y):
-    status = set_all(m.version, m.instance, m.input_groups, m.inputs, u)
+    status = groups.set_all(m.version, m.instance, m.input_groups, m.inputs, u)
     if status != 0:
         return status
     if m.version < 3:
         if m.ramp != 0:
-            begin_ramp(m.ramp, u, t, h)
-            status = set_ramp(m.ramp, t)
+            groups.begin_ramp(m.ramp, u, t, h)
+            status = groups.set_ramp(m.ramp, t)
             if status != 0:
                 return status
         status = _step_2(m.shorter, m.ramp, m.do_step, m.instance, t, h, m.final)
     else:
         # FMI 3.0 FMUs with interpolated inputs use the step with events
         back = m.returned
-        status = do_step_3(m.do_step, (m.instance, t, h, m.final, back + 8, back + 9, back + 10, back))
-        if status <= 1:
-            flags = carray(bytes_at(m.returned), 16)
-            if flags[9]:
-                return TERMINATE_REQUEST
-            if flags[10]:
-                return EARLY_RETURN
-        status = DO_STEP_FAILED + status if status > 1 else 0
+        status = groups.do_step_3(m.do_step, (m.instance, t, h, m.final, back + 8, back + 9, back + 10, back))
+        status = groups.failure(groups.DO_STEP_FAILED, status)
+        flags = carray(bytes_at(back), 16)
+        if status == 0 and flags[9]:
+            return groups.TERMINATE_REQUEST
+        if status == 0 and flags[10]:
+            return groups.EARLY_RETURN
     if status != 0:
         return status
-    return get_all(m.version, m.instance, m.output_groups, m.outputs, y)
+    return groups.get_all(m.version, m.instance, m.output_groups, m.outputs, y)
 
 
 @step_function(PLAIN_MEMORY)
 def plain_step(m, t, h, u, y):
     # equivalent to `step` for unscaled Real values, with a third of the overhead
-    status = access_2(m.set_real, (m.instance, m.input_references, m.inputs, address_of(u)))
-    if status > 1:
-        return store_status(m.note, SET_FAILED + status)
-    status = _step_2(m.shorter, 0, m.do_step, m.instance, t, h, m.final)
-    if status != 0:
-        return store_status(m.note, status)
-    status = access_2(m.get_real, (m.instance, m.output_references, m.outputs, address_of(y)))
-    if status > 1:
-        return store_status(m.note, GET_FAILED + status)
-    carray(y, m.outputs)[m.shifted] += m.shift
-    return 0
+    status = groups.failure(
+        groups.SET_FAILED, groups.access_2(m.set_real, (m.instance, m.input_references, m.inputs, address_of(u)))
+    )
+    if status == 0:
+        status = _step_2(m.shorter, 0, m.do_step, m.instance, t, h, m.final)
+    if status == 0:
+        status = groups.access_2(m.get_real, (m.instance, m.output_references, m.outputs, address_of(y)))
+        status = groups.failure(groups.GET_FAILED, status)
+    if status == 0:
+        carray(y, m.outputs)[m.shifted] += m.shift
+    return groups.store_status(m.note, status)
 
 
 @step_function(STATE_MEMORY)
 def save(m, t, h, u, y):
-    status = call_pointer(m.get, (m.instance, m.cell))
+    status = groups.call_pointer(m.get, (m.instance, m.cell))
     copy_pieces(m.piece_table, m.pieces, 0, 0)
-    return store_status(m.note, SAVE_FAILED + status) if status > 1 else 0
+    return groups.store_status(m.note, groups.failure(groups.SAVE_FAILED, status))
 
 
 @step_function(STATE_MEMORY)
 def restore(m, t, h, u, y):
-    status = call_pointer(m.set, (m.instance, m.state))
+    status = groups.call_pointer(m.set, (m.instance, m.state))
     copy_pieces(m.piece_table, m.pieces, 0, 1)
-    return store_status(m.note, RESTORE_FAILED + status) if status > 1 else 0
+    return groups.store_status(m.note, groups.failure(groups.RESTORE_FAILED, status))
 
 
 @njit(cache=True)
@@ -306,11 +260,11 @@ def fill_discrete_inputs(address, u):
     Return (whether an unclocked input differs from the last value set, 0 or `INPUT_OUT_OF_RANGE`).
     """
     e = carray(_events_at(address), 1)[0]
-    groups = carray(groups_at(e.discrete_groups), e.discrete)
+    table = carray(groups.groups_at(e.discrete_groups), e.discrete)
     changed = False
     for i in range(e.discrete):
-        g = groups[i]
-        status = fill(g, u)
+        g = table[i]
+        status = groups.fill(g, u)
         if status != 0:
             return False, status
         new, last = carray(bytes_at(g.buffer), g.bytes), carray(bytes_at(g.last), g.bytes)
@@ -322,13 +276,13 @@ def fill_discrete_inputs(address, u):
 @njit(cache=True)
 def _set_discrete(e, active):
     """Set an FMU's discrete inputs (unclocked, or with active clocks) from buffers; return 0 or a failure status."""
-    groups = carray(groups_at(e.discrete_groups), e.discrete)
+    table = carray(groups.groups_at(e.discrete_groups), e.discrete)
     for i in range(e.discrete):
-        g = groups[i]
+        g = table[i]
         if g.clocks == 0 or g.clocks & active:
-            status = access(3, e.instance, g)
+            status = groups.access(3, e.instance, g)
             if status > 1:
-                return note_variable(g, SET_FAILED + status)
+                return groups.note_variable(g, groups.SET_FAILED + status)
             copy(g.last, g.buffer, g.bytes)
     return 0
 
@@ -341,9 +295,11 @@ def _tick(e, clocks, n):
     for c in range(e.clocks):
         if clocks[c].kind != OUTPUT_CLOCK and clocks[c].next == n:
             flag[0] = 1
-            status = access_2(e.set_clock, (e.instance, e.clock_table + c * CLOCK_BYTES, 1, e.returned + _VALUE_OFFSET))
+            status = groups.access_2(
+                e.set_clock, (e.instance, e.clock_table + c * CLOCK_BYTES, 1, e.returned + _VALUE_OFFSET)
+            )
             if status > 1:
-                return active, SET_CLOCK_FAILED + status
+                return active, groups.SET_CLOCK_FAILED + status
             active |= 1 << c
     return active, 0
 
@@ -356,9 +312,11 @@ def _active_output_clocks(e, clocks):
     for c in range(e.clocks):
         if clocks[c].kind == OUTPUT_CLOCK:
             flag[0] = 0
-            status = access_2(e.get_clock, (e.instance, e.clock_table + c * CLOCK_BYTES, 1, e.returned + _VALUE_OFFSET))
+            status = groups.access_2(
+                e.get_clock, (e.instance, e.clock_table + c * CLOCK_BYTES, 1, e.returned + _VALUE_OFFSET)
+            )
             if status > 1:
-                return active, GET_CLOCK_FAILED + status
+                return active, groups.GET_CLOCK_FAILED + status
             if flag[0]:
                 active |= 1 << c
     return active, 0
@@ -366,12 +324,12 @@ def _active_output_clocks(e, clocks):
 
 @njit(cache=True)
 def _read_clocked_outputs(e, active):
-    groups = carray(groups_at(e.held_groups), e.held)
+    table = carray(groups.groups_at(e.held_groups), e.held)
     for i in range(e.held):
-        if groups[i].clocks & active:
-            status = access(3, e.instance, groups[i])
+        if table[i].clocks & active:
+            status = groups.access(3, e.instance, table[i])
             if status > 1:
-                return note_variable(groups[i], GET_FAILED + status)
+                return groups.note_variable(table[i], groups.GET_FAILED + status)
     return 0
 
 
@@ -393,17 +351,17 @@ def _plan_clocks(e, clocks, ticked, n, t):
                 clocks[c].next = UNKNOWN_STEP
             answer[0], interval[0] = 0, np.nan
             reference = e.clock_table + c * CLOCK_BYTES
-            status = access_pairs(
+            status = groups.access_pairs(
                 e.get_interval, (e.instance, reference, 1, e.returned + _VALUE_OFFSET, e.returned + _ANSWER_OFFSET)
             )
             if status > 1:
-                return INTERVAL_FAILED + status
+                return groups.INTERVAL_FAILED + status
             if answer[0] == 2 or (answer[0] == 1 and kind == CHANGING_CLOCK):
                 steps = (t + interval[0]) / e.step
                 e.value, e.culprit = interval[0], c
                 # below 1e9 steps, the tolerance of 1e-6 steps exceeds the rounding of the division
                 if not (interval[0] > 0.0 and steps < 1e9 and abs(steps - np.floor(steps + 0.5)) < 1e-6):
-                    return INVALID_INTERVAL
+                    return groups.INVALID_INTERVAL
                 clocks[c].next = np.int64(np.floor(steps + 0.5))
     return 0
 
@@ -417,20 +375,17 @@ def handle_events(address, n, t):
     """
     e = carray(_events_at(address), 1)[0]
     clocks = carray(_clocks_at(e.clock_table), e.clocks)
-    status = call_instance(e.enter_event_mode, (e.instance,))
-    if status > 1:
-        return EVENT_MODE_FAILED + status
+    status = groups.failure(groups.EVENT_MODE_FAILED, groups.call_instance(e.enter_event_mode, (e.instance,)))
+    if status != 0:
+        return status
     active, status = _tick(e, clocks, n)
-    if status != 0:
-        return status
-    status = _set_discrete(e, active)
-    if status != 0:
-        return status
-    status = update_discrete_states(address, active, n, t)
-    if status != 0:
-        return status
-    status = call_instance(e.enter_step_mode, (e.instance,))
-    return STEP_MODE_FAILED + status if status > 1 else 0
+    if status == 0:
+        status = _set_discrete(e, active)
+    if status == 0:
+        status = update_discrete_states(address, active, n, t)
+    if status == 0:
+        status = groups.failure(groups.STEP_MODE_FAILED, groups.call_instance(e.enter_step_mode, (e.instance,)))
+    return status
 
 
 @entry("int", "int", "int", "int", "double")
@@ -440,7 +395,7 @@ def update_discrete_states(address, active, n, t):
     clocks = carray(_clocks_at(e.clock_table), e.clocks)
     flags, next_time = carray(bytes_at(e.returned), 16), carray(doubles_at(e.returned), 1)
     ticked = active
-    for _ in range(MAX_UPDATES):
+    for _ in range(groups.MAX_UPDATES):
         raised, status = _active_output_clocks(e, clocks)
         if status != 0:
             return status
@@ -450,22 +405,22 @@ def update_discrete_states(address, active, n, t):
         for i in range(8, 13):
             flags[i] = 0
         r = e.returned
-        status = update_3(e.update, (e.instance, r + 8, r + 9, r + 10, r + 11, r + 12, r))
+        status = groups.update_3(e.update, (e.instance, r + 8, r + 9, r + 10, r + 11, r + 12, r))
         if status > 1:
-            return UPDATE_FAILED + status
+            return groups.UPDATE_FAILED + status
         if flags[9]:
-            return TERMINATE_REQUEST
+            return groups.TERMINATE_REQUEST
         active = 0
         if not flags[8]:
             break
     else:
-        return ENDLESS_UPDATES
+        return groups.ENDLESS_UPDATES
     planned = carray(doubles_at(e.next), 1)
     planned[0] = np.inf
     if flags[12]:
         e.value = next_time[0]
         if not next_time[0] > t - 1e-9 * e.step:
-            return EVENT_IN_PAST
+            return groups.EVENT_IN_PAST
         planned[0] = next_time[0]
     return _plan_clocks(e, clocks, ticked, n, t)
 
@@ -482,10 +437,10 @@ def _begin_step(m, t, h, u):
             status = handle_events(m.events, n, t)
             if status != 0:
                 return status
-    status = set_all(3, m.instance, m.input_groups, m.inputs, u)
+    status = groups.set_all(3, m.instance, m.input_groups, m.inputs, u)
     if status == 0 and m.ramp != 0:
-        begin_ramp(m.ramp, u, t, h)
-        status = set_ramp(m.ramp, t)
+        groups.begin_ramp(m.ramp, u, t, h)
+        status = groups.set_ramp(m.ramp, t)
     return status
 
 
@@ -496,7 +451,7 @@ def _step_to(m, t, h):
     part, halved, stalls = h, 0, 0
     flags, last = carray(bytes_at(m.returned), 16), carray(doubles_at(m.returned), 1)
     planned = carray(doubles_at(m.next), 1)
-    for _ in range(MAX_PARTS):
+    for _ in range(groups.MAX_PARTS):
         goal = end
         if m.varies:
             if here + close < planned[0] < end - close:
@@ -506,33 +461,33 @@ def _step_to(m, t, h):
         for i in range(8, 11):
             flags[i] = 0
         r = m.returned
-        status = do_step_3(m.do_step, (m.instance, here, goal - here, m.final, r + 8, r + 9, r + 10, r))
+        status = groups.do_step_3(m.do_step, (m.instance, here, goal - here, m.final, r + 8, r + 9, r + 10, r))
         if m.ramp != 0:
-            bad = ramp_status(m.ramp)
+            bad = groups.ramp_status(m.ramp)
             if bad != 0:
                 return bad
-        if status == DISCARD_STATUS and m.varies:
+        if status == groups.DISCARD_STATUS and m.varies:
             # the FMU is still at the time before the discarded step
             part, halved, m.value = 0.5 * (goal - here), halved + 1, here
-            if halved > MAX_HALVINGS:
-                return STEP_STUCK
+            if halved > groups.MAX_HALVINGS:
+                return groups.STEP_STUCK
             continue
         if status > 1:
-            return DO_STEP_FAILED + status
+            return groups.DO_STEP_FAILED + status
         if flags[9]:
-            return TERMINATE_REQUEST
+            return groups.TERMINATE_REQUEST
         reached = goal
         if flags[10]:
             if not m.early:
-                return EARLY_RETURN
+                return groups.EARLY_RETURN
             m.value = reached = last[0]
             if not (here - close <= reached <= goal + close):
-                return TIME_OUTSIDE_STEP
+                return groups.TIME_OUTSIDE_STEP
         part, halved = max(2.0 * part, reached - here), 0
         stalls = stalls + 1 if reached <= here + close else 0
-        if stalls > MAX_STALLS:
+        if stalls > groups.MAX_STALLS:
             m.value = here
-            return TIME_STALLED
+            return groups.TIME_STALLED
         here = max(reached, here)
         if m.events != 0 and (flags[8] or planned[0] <= here + close):
             status = handle_events(m.events, -1, here)
@@ -541,21 +496,21 @@ def _step_to(m, t, h):
         if end - here <= close:
             return 0
         if m.ramp != 0:
-            status = set_ramp(m.ramp, here)
+            status = groups.set_ramp(m.ramp, here)
             if status != 0:
                 return status
     m.value = here
-    return TOO_MANY_PARTS
+    return groups.TOO_MANY_PARTS
 
 
 @njit(cache=True, inline="always")
 def _get_outputs(m, y):
-    held = carray(groups_at(m.held_groups), m.held)
+    held = carray(groups.groups_at(m.held_groups), m.held)
     for i in range(m.held):
-        status = drain(held[i], y)
+        status = groups.drain(held[i], y)
         if status != 0:
             return status
-    return get_all(3, m.instance, m.output_groups, m.outputs, y)
+    return groups.get_all(3, m.instance, m.output_groups, m.outputs, y)
 
 
 @step_function(EVENT_MEMORY)
@@ -563,4 +518,4 @@ def event_step(m, t, h, u, y):
     status = _begin_step(m, t, h, address_of(u))
     if status == 0:
         status = _step_to(m, t, h)
-    return store_status(m.note, _get_outputs(m, address_of(y)) if status == 0 else status)
+    return groups.store_status(m.note, _get_outputs(m, address_of(y)) if status == 0 else status)

@@ -215,6 +215,12 @@ def explain_status(
 
 
 @njit(cache=True, inline="always")
+def failure(base, status):
+    """Return the failure status `base` + `status` of an FMI function that returned `status`; 0 for OK and warnings."""
+    return base + status if status > 1 else 0
+
+
+@njit(cache=True, inline="always")
 def store_status(note, status):
     """Return the lowest `STATUS_WIDTH` bits of a status, and note the others for the error message."""
     if status >> STATUS_WIDTH != 0:
@@ -243,23 +249,16 @@ def _store(kind, buffer, j, value):
     elif kind == 1:
         carray(_f32(buffer), j + 1)[j] = value
     else:
+        # signed and unsigned integers of a size have the same bits
         whole = np.int64(value)
-        if kind == 2:
+        if kind == 2 or kind == 3 or kind == BOOLEAN_KIND:
             carray(_i8(buffer), j + 1)[j] = whole
-        elif kind == 3 or kind == BOOLEAN_KIND:
-            carray(_u8(buffer), j + 1)[j] = whole
-        elif kind == 4:
+        elif kind == 4 or kind == 5:
             carray(_i16(buffer), j + 1)[j] = whole
-        elif kind == 5:
-            carray(_u16(buffer), j + 1)[j] = whole
-        elif kind == 6 or kind == BOOLEAN_32_KIND:
-            carray(_i32(buffer), j + 1)[j] = whole
-        elif kind == 7:
-            carray(_u32(buffer), j + 1)[j] = whole
-        elif kind == 8:
+        elif kind == 8 or kind == 9:
             carray(_i64(buffer), j + 1)[j] = whole
         else:
-            carray(_u64(buffer), j + 1)[j] = whole
+            carray(_i32(buffer), j + 1)[j] = whole
     return True
 
 
@@ -394,13 +393,12 @@ def set_ramp(address, t):
             note.slot, note.value = carray(integers_at(r.starts), n)[j], buffer[j]
             return INPUT_OUT_OF_RANGE
     if r.derivatives == 0:
-        status = access_3(r.set, (r.instance, r.references, n, r.buffer, n))
-        return SET_FAILED + status if status > 1 else 0
-    status = access_2(r.set, (r.instance, r.references, n, r.buffer))
-    if status > 1:
-        return SET_FAILED + status
+        return failure(SET_FAILED, access_3(r.set, (r.instance, r.references, n, r.buffer, n)))
+    status = failure(SET_FAILED, access_2(r.set, (r.instance, r.references, n, r.buffer)))
+    if status != 0:
+        return status
     status = access_pairs(r.derivatives, (r.instance, r.references, n, r.orders, r.slope))
-    return INPUT_DERIVATIVES_FAILED + status if status > 1 else 0
+    return failure(INPUT_DERIVATIVES_FAILED, status)
 
 
 @njit(cache=True)

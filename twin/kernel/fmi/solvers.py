@@ -21,23 +21,7 @@ from twin.kernel.compiled.native import Native
 from twin.kernel.cosim.component import address_of, doubles_at
 from twin.kernel.cosim.port import record
 from twin.kernel.errors import InputRefused
-from twin.kernel.fmi.groups import (
-    INVALID_STATUS,
-    MAX_UPDATES,
-    TERMINATE_REQUEST,
-    call_doubles,
-    call_instance,
-    call_pointer,
-    call_time,
-    completed_2,
-    completed_3,
-    one_step,
-    set_all,
-    start_at,
-    status_phrase,
-    update_3,
-    values_of,
-)
+from twin.kernel.fmi import groups
 from twin.kernel.settings import fields_of_form
 
 EXCHANGE_FUNCTIONS = {
@@ -138,17 +122,17 @@ def exchange_error(m: Any, status: int, other: int) -> str:
     prefix, names = f"fmi{m['version']}", EXCHANGE_FUNCTIONS if m["version"] == 2 else EXCHANGE_FUNCTIONS_3
     if status // 16 * 16 in CALL_STATUSES:
         name = list(names.values())[CALL_STATUSES.index(status // 16 * 16)]
-        return status_phrase(f"{prefix}{name}", other if status % 16 == INVALID_STATUS else status % 16)
+        return groups.status_phrase(f"{prefix}{name}", other if status % 16 == groups.INVALID_STATUS else status % 16)
     update = f"{prefix}{names['update']}"
     flag = _CVODE_FLAGS.get(int(m["flag"]), f"its code is {m['flag']}")
     now, asked, element = float(m["now"]), float(m["asked"]), int(m["element"])
     own = {
         NOT_FINITE: f"returned NaN or infinity for derivative {element + 1} of {m['states']} at {asked:.9g} s",
         INDICATOR_NOT_FINITE: f"returned NaN or infinity for event indicator {element + 1} of {m['indicators']}",
-        ENDLESS_UPDATE: f"did not finish an event at {now:.9g} s: {update} asked for more {MAX_UPDATES} times",
+        ENDLESS_UPDATE: f"did not finish an event at {now:.9g} s: {update} asked for more {groups.MAX_UPDATES} times",
         TOO_MANY_EVENTS: f"made more than {MAX_EVENTS} events in one step, the last at {now:.9g} s; it may be "
         "flickering",
-        TERMINATE_REQUEST: "asked to terminate the simulation",
+        groups.TERMINATE_REQUEST: "asked to terminate the simulation",
         PAST_EVENT: f"asked at {now:.9g} s for a time event at {asked:.9g} s, which is past",
         STATE_COUNT_CHANGED: f"has {element} continuous states after an event at {now:.9g} s, and had {m['states']}",
         ARRAY_OVERFLOW: "wrote more states, derivatives or event indicators than it declares",
@@ -161,27 +145,20 @@ def exchange_error(m: Any, status: int, other: int) -> str:
 @njit(cache=True)
 def set_time_and_states(m, t, x):
     """Set time `t` and the continuous states at address `x` in the FMU; return 0 or a failure status."""
-    status = call_time(m.set_time, (m.instance, t))
-    if status > 1:
-        return SET_TIME_FAILED + status
-    if m.states > 0:
-        status = call_doubles(m.set_states, (m.instance, x, m.states))
-        if status > 1:
-            return SET_STATES_FAILED + status
-    return 0
+    status = groups.failure(SET_TIME_FAILED, groups.call_time(m.set_time, (m.instance, t)))
+    if status == 0 and m.states > 0:
+        status = groups.failure(SET_STATES_FAILED, groups.call_doubles(m.set_states, (m.instance, x, m.states)))
+    return status
 
 
 @njit(cache=True)
 def derivatives(m, t, x, dx):
     """Compute derivatives `dx` (address, a guard behind) at time `t` and states `x`; return 0 or a failure status."""
     status = set_time_and_states(m, t, x)
+    if status == 0 and m.states > 0:
+        status = groups.failure(DERIVATIVES_FAILED, groups.call_doubles(m.derivatives_of, (m.instance, dx, m.states)))
     if status != 0:
         return status
-    if m.states == 0:
-        return 0
-    status = call_doubles(m.derivatives_of, (m.instance, dx, m.states))
-    if status > 1:
-        return DERIVATIVES_FAILED + status
     rates = carray(doubles_at(dx), m.states)
     for i in range(m.states):
         if not np.isfinite(rates[i]):
@@ -193,7 +170,7 @@ def derivatives(m, t, x, dx):
 @njit(cache=True)
 def indicators(m, z):
     """Compute the event indicators `z` (address, a guard behind it) of the present; return 0 or a failure status."""
-    status = call_doubles(m.indicators_of, (m.instance, z, m.indicators))
+    status = groups.call_doubles(m.indicators_of, (m.instance, z, m.indicators))
     if status > 1:
         return INDICATORS_FAILED + status
     values = carray(doubles_at(z), m.indicators)
@@ -213,27 +190,19 @@ def time_tolerance(t):
 @njit(cache=True)
 def handle_event(m, u, jumped):
     """Handle an event at the present time, in event mode, and set inputs (address `u`) if `jumped`; return a status."""
-    status = call_instance(m.enter_event_mode, (m.instance,))
-    if status > 1:
-        return EVENT_MODE_FAILED + status
-    if jumped:
-        status = set_all(m.version, m.instance, m.input_groups, m.inputs, u)
-        if status != 0:
-            return status
-    status = _update_discrete_states(m)
-    if status != 0:
-        return status
-    status = call_instance(m.enter_time_mode, (m.instance,))
-    if status > 1:
-        return TIME_MODE_FAILED + status
-    if m.states > 0:
-        status = call_doubles(m.states_of, (m.instance, m.x, m.states))
-        if status > 1:
-            return GET_STATES_FAILED + status
     m.restart = 1
-    if m.indicators > 0 and m.cvode == 0:
-        return indicators(m, m.z_before)
-    return 0
+    status = groups.failure(EVENT_MODE_FAILED, groups.call_instance(m.enter_event_mode, (m.instance,)))
+    if status == 0 and jumped:
+        status = groups.set_all(m.version, m.instance, m.input_groups, m.inputs, u)
+    if status == 0:
+        status = _update_discrete_states(m)
+    if status == 0:
+        status = groups.failure(TIME_MODE_FAILED, groups.call_instance(m.enter_time_mode, (m.instance,)))
+    if status == 0 and m.states > 0:
+        status = groups.failure(GET_STATES_FAILED, groups.call_doubles(m.states_of, (m.instance, m.x, m.states)))
+    if status == 0 and m.indicators > 0 and m.cvode == 0:
+        status = indicators(m, m.z_before)
+    return status
 
 
 @njit(cache=True)
@@ -246,16 +215,16 @@ def _flag(m, n):
 def _update_discrete_states(m):
     """Update the FMU's discrete states until no update is needed; return 0 or a failure status."""
     nominals_changed = False
-    for _ in range(MAX_UPDATES):
+    for _ in range(groups.MAX_UPDATES):
         if m.version == 2:
-            status = call_pointer(m.update, (m.instance, m.info))
+            status = groups.call_pointer(m.update, (m.instance, m.info))
         else:
             i = m.info
-            status = update_3(m.update, (m.instance, i, i + 1, i + 2, i + 3, i + 4, i + TIME_OFFSET))
+            status = groups.update_3(m.update, (m.instance, i, i + 1, i + 2, i + 3, i + 4, i + TIME_OFFSET))
         if status > 1:
             return UPDATE_FAILED + status
         if _flag(m, END_REQUESTED):
-            return TERMINATE_REQUEST
+            return groups.TERMINATE_REQUEST
         nominals_changed |= _flag(m, NOMINALS_CHANGED)
         if not _flag(m, UPDATE_NEEDED):
             break
@@ -274,18 +243,18 @@ def _update_state_sizes(m, nominals_changed):
     """Check the FMU's number of states, and update tolerances if its nominals changed; return 0 or a failure status."""
     if m.version == 3:
         count = carray(_counts_at(m.info), 1)
-        status = call_pointer(m.number_of_states, (m.instance, m.info))
+        status = groups.call_pointer(m.number_of_states, (m.instance, m.info))
         if status > 1:
             return STATE_COUNT_FAILED + status
         if count[0] != m.states:
             m.element = count[0]
             return STATE_COUNT_CHANGED
     if nominals_changed and m.cvode != 0 and m.states > 0:
-        status = call_doubles(m.nominals_of, (m.instance, m.scales, m.states))
+        status = groups.call_doubles(m.nominals_of, (m.instance, m.scales, m.states))
         if status > 1:
             return NOMINALS_FAILED + status
         scale_tolerances(carray(doubles_at(m.scales), m.states), m.tolerance)
-        start_at(m.cv_tolerances, (m.cvode, m.tolerance, m.absolute))
+        groups.start_at(m.cv_tolerances, (m.cvode, m.tolerance, m.absolute))
     return 0
 
 
@@ -303,13 +272,13 @@ def complete_step(m):
     if m.needs_completed == 0:
         return False, 0
     if m.version == 2:
-        status = completed_2(m.completed, (m.instance, m.final, m.info, m.info + 4))
+        status = groups.completed_2(m.completed, (m.instance, m.final, m.info, m.info + 4))
     else:
-        status = completed_3(m.completed, (m.instance, m.final, m.info, m.info + 4))
+        status = groups.completed_3(m.completed, (m.instance, m.final, m.info, m.info + 4))
     if status > 1:
         return False, COMPLETE_STEP_FAILED + status
     # the second result is four bytes after the first: the next word, or flag number 4
-    return _flag(m, 0), TERMINATE_REQUEST if _flag(m, 1 if m.version == 2 else 4) else 0
+    return _flag(m, 0), groups.TERMINATE_REQUEST if _flag(m, 1 if m.version == 2 else 4) else 0
 
 
 class Solver(NamedTuple):
@@ -334,18 +303,11 @@ def _move_states(m, k, h):
 @njit(cache=True)
 def _rk4_step(m, t, h):
     """Make one Runge-Kutta step from `t`, states `m.began` and rates `m.k_1` to `m.x`; return 0 or a failure status."""
-    _move_states(m, m.k_1, 0.5 * h)
-    status = derivatives(m, t + 0.5 * h, m.x, m.k_2)
-    if status != 0:
-        return status
-    _move_states(m, m.k_2, 0.5 * h)
-    status = derivatives(m, t + 0.5 * h, m.x, m.k_3)
-    if status != 0:
-        return status
-    _move_states(m, m.k_3, h)
-    status = derivatives(m, t + h, m.x, m.k_4)
-    if status != 0:
-        return status
+    for share, known, following in ((0.5, m.k_1, m.k_2), (0.5, m.k_2, m.k_3), (1.0, m.k_3, m.k_4)):
+        _move_states(m, known, share * h)
+        status = derivatives(m, t + share * h, m.x, following)
+        if status != 0:
+            return status
     x, began = carray(doubles_at(m.x), m.states), carray(doubles_at(m.began), m.states)
     k_1, k_2 = carray(doubles_at(m.k_1), m.states), carray(doubles_at(m.k_2), m.states)
     k_3, k_4 = carray(doubles_at(m.k_3), m.states), carray(doubles_at(m.k_4), m.states)
@@ -417,9 +379,9 @@ def integrate_rk4(m, stop):
 
 def _right_hand_side(t, y, ydot, user):
     m = carray(memory_at(address_of(user)), 1)[0]
-    status = derivatives(m, t, values_of(m.cv_values, (address_of(y),)), m.k_1)
+    status = derivatives(m, t, groups.values_of(m.cv_values, (address_of(y),)), m.k_1)
     if status == 0:
-        copy(values_of(m.cv_values, (address_of(ydot),)), m.k_1, 8 * m.size)
+        copy(groups.values_of(m.cv_values, (address_of(ydot),)), m.k_1, 8 * m.size)
         return 0
     m.trouble = status
     # after NaN or Discard a smaller step may succeed, as the states may have left the FMU's range
@@ -428,7 +390,7 @@ def _right_hand_side(t, y, ydot, user):
 
 def _roots(t, y, values, user):
     m = carray(memory_at(address_of(user)), 1)[0]
-    status = set_time_and_states(m, t, values_of(m.cv_values, (address_of(y),)))
+    status = set_time_and_states(m, t, groups.values_of(m.cv_values, (address_of(y),)))
     if status == 0:
         status = indicators(m, m.z)
     if status == 0:
@@ -446,11 +408,11 @@ def integrate_cvode(m, stop):
     """Integrate the equations by CVODE up to `stop` or an event; return (event found, 0 or a failure status)."""
     m.trouble = 0
     if m.restart != 0:
-        start_at(m.cv_restart, (m.cvode, m.now, m.vector))
+        groups.start_at(m.cv_restart, (m.cvode, m.now, m.vector))
         m.restart = 0
-    call_time(m.cv_stop, (m.cvode, stop))
+    groups.call_time(m.cv_stop, (m.cvode, stop))
     for _ in range(MAX_SOLVER_STEPS):
-        flag = one_step(m.cv_step, (m.cvode, stop, m.vector, m.reached_at, CV_ONE_STEP))
+        flag = groups.one_step(m.cv_step, (m.cvode, stop, m.vector, m.reached_at, CV_ONE_STEP))
         if flag < 0:
             m.flag = flag
             return False, m.trouble if m.trouble != 0 else CVODE_FAILED
