@@ -29,27 +29,27 @@ class Setting(NamedTuple):
 
     Attributes:
         unit: unit of the number in the file, `N m/rad`; "" without one.
-        default: default value in that unit; ... if the file must set it.
         help: meaning, one phrase.
+        more: bounds and examples, as keyword arguments of pydantic.
+        default: default value in that unit; ... if the file must set it.
         field: field name in a record of compiled code.
         into: name of the compiled record that holds it; "" if the owner has one record, None if it is not compiled.
         absent: SI value in the record if the file's value is None.
         tunable: whether it may change while the robot runs.
         exported: whether it remains a parameter of an exported FMU.
         broken_by: kinds of faults that change it.
-        more: bounds and examples, as keyword arguments of pydantic.
     """
 
     unit: str
-    default: Any
     help: str
-    field: str
-    into: str | None
-    absent: Any
-    tunable: bool
-    exported: bool
-    broken_by: tuple[str, ...]
     more: Mapping[str, Any]
+    default: Any = ...
+    field: str = ""
+    into: str | None = ""
+    absent: Any = None
+    tunable: bool = False
+    exported: bool = True
+    broken_by: tuple[str, ...] = ()
 
     def key(self, name: str) -> str:
         """Key of the setting in the file: `name` and the unit, joined by "_": `kp_mm_per_N`; words after "per" divide.
@@ -60,21 +60,13 @@ class Setting(NamedTuple):
         return f"{name}_{unit.replace('1/', 'per_').replace('/', '_per_')}" if unit else name
 
 
-def setting(
-    unit: str = "",
-    *,
-    help: str,
-    default: Any = ...,
-    field: str = "",
-    into: str | None = "",
-    absent: Any = None,
-    tunable: bool = False,
-    exported: bool = True,
-    broken_by: tuple[str, ...] = (),
-    **more: Any,
-) -> Any:
-    """Declare a key of an experiment's table, see `Setting`; `field` defaults to the key's own name."""
-    return Setting(unit, default, help, field, into, absent, tunable, exported, broken_by, more)
+def setting(unit: str = "", *, help: str, **declared: Any) -> Any:
+    """Declare a key of an experiment's table by fields of `Setting` and, for its `more`, arguments of pydantic.
+
+    `field` defaults to the key's own name.
+    """
+    own = {name: declared.pop(name) for name in Setting._fields if name in declared}
+    return Setting(unit, help, declared, **own)
 
 
 def optional(unit: str = "", *, help: str, example: Any, **declared: Any) -> Any:
@@ -102,11 +94,6 @@ class Settings(BaseModel, metaclass=_SettingsMeta):
     settings: ClassVar[dict[str, Setting]]
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, validate_default=True)
-
-    @classmethod
-    def from_si(cls, **values: Any) -> Self:
-        """Build a table of an experiment from SI values by attribute, unchecked; others get their defaults."""
-        return cls.model_construct(**values)
 
     @field_validator("*", mode="after")
     @classmethod

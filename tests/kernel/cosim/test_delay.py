@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from tests.kernel.cosim.models import sampled
 from twin.kernel.cosim.component import NativeComponent
-from twin.kernel.cosim.delay import DELAY_MEMORY, columns, delay, fill_ring, play
+from twin.kernel.cosim.delay import DELAY_MEMORY, delay, fill_ring, play, values_by_port
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
@@ -55,7 +55,7 @@ def test_a_component_played_over_inputs_gives_what_it_would_give_in_a_run():
     rows, status = play(scale, np.arange(50.0), np.ones(50), u)
     steps = np.floor(-force / (0.005 * G_ACCELERATION) + 0.5)
     assert status == 0
-    np.testing.assert_array_equal(columns(scale, rows)["F_z"], steps * (0.005 * G_ACCELERATION))
+    np.testing.assert_array_equal(values_by_port(scale.outputs, rows)["F_z"], steps * (0.005 * G_ACCELERATION))
 
 
 def test_rows_are_taken_after_as_many_steps_as_asked_for():

@@ -128,7 +128,7 @@ def test_what_cannot_be_run_is_refused_before_anything_is_loaded(
 ):
     text, change, told = BAD[bad]
     file = archive(tmp_path / "x.ssp", text, {"a.fmu": fmu(change), "x.txt": "x"})
-    monkeypatch.setattr(coupling, "open_instance", None)
+    monkeypatch.setattr(coupling, "instance_class", None)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputRefused) as refused:
         record_system(DirectReporter(lambda note: None), Path("x.ssp"))

@@ -34,7 +34,7 @@ def test_the_program_is_that_of_the_tasks_in_the_manner_of_the_approach():
     assert (travel.target, travel.speed, travel.ramp_in) == ((0.0, 0.0, -0.092), 0.04, 0.1)
     assert (descend.target[2], descend.speed, descend.level) == (-0.13, 0.01, 0.6)
     assert (build_up.F_end, build_up.duration) == (8.0, 3.5)
-    roll = programs.Roll.from_si(point=(0.0, 0.0), force=5.0, build_up=2.0, radius=0.005, rate=1.0, turns=6.0)
+    roll = programs.Roll.model_construct(point=(0.0, 0.0), force=5.0, build_up=2.0, radius=0.005, rate=1.0, turns=6.0)
     found = [phase for phase in phases if phase.task == 3 and phase.kind == Kind.CIRCLE]
     (expected,) = (phase for phase in programs.program(experiment.approach, 0.6, [roll]) if phase.kind == Kind.CIRCLE)
     assert [(phase.radius, phase.rate, phase.turns) for phase in found] == [

@@ -10,7 +10,7 @@ import pytest
 
 from tests.kernel.fmi.archives import DESCRIPTION, altered
 from tests.laws.runs import FORCE, shipped
-from twin.kernel.cosim.delay import columns, play
+from twin.kernel.cosim.delay import play, values_by_port
 from twin.kernel.cosim.port import port_slices, width
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import read
@@ -61,7 +61,7 @@ def test_it_hears_one_of_three_values_and_gives_one_the_others_are_0(siso: Path)
         rows, status = play(part, 1e-3 * np.arange(4.0), np.full(4, 1e-3), u)
         assert status == 0
         np.testing.assert_array_equal(
-            columns(part, rows)["omega_ref"], [[0, -2, 0], [0, -5, 0], [0, -8, 0], [0, -11, 0]]
+            values_by_port(part.outputs, rows)["omega_ref"], [[0, -2, 0], [0, -5, 0], [0, -8, 0], [0, -11, 0]]
         )
     finally:
         part.close()

@@ -15,7 +15,7 @@ from tests.kernel.systems.archives import archive, component, connection, connec
 from tests.kernel.systems.linear import Linear
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
 from twin.kernel.archive import sha256
-from twin.kernel.cosim.delay import columns, play
+from twin.kernel.cosim.delay import play, values_by_port
 from twin.kernel.cosim.port import port_slices, width
 from twin.kernel.cosim.selection import Selection
 from twin.kernel.cosim.subsystem import Subsystem
@@ -108,7 +108,7 @@ def called(plan: SampledFmu, forces: Sequence[float], tick: float = 1e-3, period
         h = period * tick
         rows, status = play(part, h * np.arange(float(len(forces))), np.full(len(forces), h), u)
         assert status == 0
-        return columns(part, rows)["omega_ref"][:, 0]
+        return values_by_port(part.outputs, rows)["omega_ref"][:, 0]
     finally:
         part.close()
 

@@ -15,21 +15,21 @@ from twin.robot.controller.task_controller import TaskController, Touch
 T_s = 2e-3
 FLOOR, STIFFNESS = -0.1, 1000.0
 """Height (m) of the soft floor, and its stiffness (N/m)."""
-APPROACH = Approach.from_si(height=-0.09, floor=-0.12, speed=0.04, descent=0.01, ramp=0.1, release=0.5)
+APPROACH = Approach.model_construct(height=-0.09, floor=-0.12, speed=0.04, descent=0.01, ramp=0.1, release=0.5)
 CONTACT = 0.6
 """Pressing force (N) that counts as touching."""
 LAW = Law(N=2.0, omega_max=8.0, F_z_ref=0.0, trigger_force=math.inf, trigger_time=math.inf, dp_z_max=0.03, corner=0.0)
 FORCE_GAINS = Gains(5e-4, 4e-3)
 FORWARD = FeedForwardModel(k_s=1.0, eta=1.0, mu=0.0, lag=0.0)
-UNDAMPED = Damping.from_si(gain=0.0, corner=4.0)
-TOUCH = Touch.from_si(contact=CONTACT, patience=0.3, turn=0.0, learning=0.0)
+UNDAMPED = Damping.model_construct(gain=0.0, corner=4.0)
+TOUCH = Touch.model_construct(contact=CONTACT, patience=0.3, turn=0.0, learning=0.0)
 J_HOME = np.array([0.0, -10.0, -15.0, 9.0, 5.0, -15.0, -9.0, 5.0, -15.0])
 """About the Jacobian at home (rad/m), row by row."""
 IN_THE_CENTRE = (0.0, 0.0)
-PRESS = Press.from_si(point=IN_THE_CENTRE, force=5.0, build_up=1.0, hold=2.0)
-TAP = Tap.from_si(point=IN_THE_CENTRE, force=3.0, speed=0.1, lift=0.006, period=0.4, times=5)
-ROLL = Roll.from_si(point=IN_THE_CENTRE, force=4.0, build_up=1.0, radius=0.005, rate=1.0, turns=2.0)
-PUSH = Push.from_si(point=(0.0, 0.01), force=4.0, build_up=1.0, to=(0.0, -0.01), speed=0.02)
+PRESS = Press.model_construct(point=IN_THE_CENTRE, force=5.0, build_up=1.0, hold=2.0)
+TAP = Tap.model_construct(point=IN_THE_CENTRE, force=3.0, speed=0.1, lift=0.006, period=0.4, times=5)
+ROLL = Roll.model_construct(point=IN_THE_CENTRE, force=4.0, build_up=1.0, radius=0.005, rate=1.0, turns=2.0)
+PUSH = Push.model_construct(point=(0.0, 0.01), force=4.0, build_up=1.0, to=(0.0, -0.01), speed=0.02)
 
 
 def task_controller(

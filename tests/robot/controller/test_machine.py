@@ -36,9 +36,9 @@ points = st.tuples(*[st.floats(-0.01, 0.01)] * 2)
 forces = st.floats(1.0, 8.0)
 short = st.floats(0.1, 0.5)
 any_task = st.one_of(
-    st.builds(Press.from_si, point=points, force=forces, build_up=short, hold=short),
+    st.builds(Press.model_construct, point=points, force=forces, build_up=short, hold=short),
     st.builds(
-        Tap.from_si,
+        Tap.model_construct,
         point=points,
         force=forces,
         speed=st.floats(0.02, 0.1),
@@ -47,7 +47,7 @@ any_task = st.one_of(
         times=st.just(2),
     ),
     st.builds(
-        Roll.from_si,
+        Roll.model_construct,
         point=points,
         force=forces,
         build_up=short,
@@ -55,7 +55,7 @@ any_task = st.one_of(
         rate=st.floats(2.0, 4.0),
         turns=st.just(1.0),
     ),
-    st.builds(Push.from_si, point=points, force=forces, build_up=short, to=points, speed=st.floats(0.01, 0.05)),
+    st.builds(Push.model_construct, point=points, force=forces, build_up=short, to=points, speed=st.floats(0.01, 0.05)),
 )
 
 

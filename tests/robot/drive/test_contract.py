@@ -14,7 +14,7 @@ from tests.kernel.fmi.archives import redescribed
 from tests.kernel.fmi.own_shafts import machine, position_servo, unit
 from tests.kernel.fmi.three_axes import three_axes_drive
 from twin.kernel.cosim.component import Component
-from twin.kernel.cosim.delay import columns, play
+from twin.kernel.cosim.delay import play, values_by_port
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.recording.reader import Recording, read
@@ -64,7 +64,7 @@ def moved(table: Drive, omega_ref: Numbers, tau_load: float = 0.0, start: float 
         u = np.column_stack([omega_ref, np.full(n, tau_load)])
         rows, status = play(component, TICK * np.arange(n, dtype=float), np.full(n, TICK), u)
         assert status == 0
-        return columns(component, rows)
+        return values_by_port(component.outputs, rows)
     finally:
         component.close()
 
@@ -260,7 +260,7 @@ def stepped(component: Component, omega_ref: Numbers, tau_load: Numbers, ticks: 
     u = np.tile(np.concatenate([given[port.name] for port in component.inputs]), (ticks, 1))
     rows, status = play(component, 1e-3 * np.arange(ticks, dtype=float), np.full(ticks, 1e-3), u)
     assert status == 0
-    return {name: values[0] for name, values in columns(component, rows[-1:]).items()}
+    return {name: values[0] for name, values in values_by_port(component.outputs, rows[-1:]).items()}
 
 
 @pytest.mark.parametrize("plain", [{}, {"substeps": 2}], ids=["alone", "sub-stepped"])

@@ -15,7 +15,7 @@ from tests.studies.shadow.robots import (
     variances,
     wandering,
 )
-from twin.kernel.cosim.delay import columns, play
+from twin.kernel.cosim.delay import play, values_by_port
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.robot.plant.dynamics import LONGEST_GAP
 from twin.studies.replay.samples import RobotSamples, samples_of
@@ -34,7 +34,7 @@ def part_of(shadow: Shadow, samples: RobotSamples, first: int, count: int) -> Co
     h[0] = 1e9 if first == 0 else 2e-3
     rows, status = play(shadow, samples.t[part], h, samples.u[part])
     assert status == 0
-    return columns(shadow, rows)
+    return values_by_port(shadow.outputs, rows)
 
 
 def test_it_is_the_filter_of_its_equations_written_anew():

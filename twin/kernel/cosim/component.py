@@ -140,12 +140,9 @@ def contiguous_parts(array: np.ndarray) -> list[tuple[int, int]]:
     """Return (address, bytes) of the contiguous parts of `array`, in the order of its values."""
     if array.flags.c_contiguous:
         return [(array.ctypes.data, array.nbytes)] if array.size else []
-    return [run for part in array for run in contiguous_parts(part)] if array.ndim > 1 else _single_elements(array)
-
-
-def _single_elements(array: np.ndarray) -> list[tuple[int, int]]:
-    start, (stride,) = array.ctypes.data, array.strides
-    return [(start + i * stride, array.itemsize) for i in range(len(array))]
+    if array.ndim > 1:
+        return [run for part in array for run in contiguous_parts(part)]
+    return [(array.ctypes.data + i * array.strides[0], array.itemsize) for i in range(len(array))]
 
 
 def piece_table(arrays: Iterable[np.ndarray], copy_address: int) -> np.ndarray:
@@ -178,14 +175,6 @@ class Pieces:
     def restore(self, row: np.ndarray) -> None:
         """Copy a saved `row`, from here or from pieces of the same form, back to the memory pieces."""
         copy_pieces(*self.at, row.ctypes.data, 1)
-
-
-def pieces_rewind(pieces: Mapping[str, np.ndarray]) -> Rewind:
-    """Make the save and restore functions of a component whose whole state is in the memory `pieces`."""
-    copies = np.empty(sum(array.nbytes for array in pieces.values()), dtype=np.uint8)
-    table = piece_table(pieces.values(), copies.ctypes.data)
-    memory = np.array([(table.ctypes.data, len(table))], dtype=_PIECES_RECORD)
-    return Rewind(_save.address, _restore.address, memory.ctypes.data, (memory, table, copies, pieces))
 
 
 class Holder(Protocol):
@@ -292,7 +281,11 @@ class Component:
         """Return functions that save and restore the component to repeat a step; None if it cannot repeat steps."""
         if self.lacks_state(portable=False) or self.holders():
             return None
-        return pieces_rewind(self.pieces())
+        pieces = self.pieces()
+        copies = np.empty(sum(array.nbytes for array in pieces.values()), dtype=np.uint8)
+        table = piece_table(pieces.values(), copies.ctypes.data)
+        memory = np.array([(table.ctypes.data, len(table))], dtype=_PIECES_RECORD)
+        return Rewind(_save.address, _restore.address, memory.ctypes.data, (memory, table, copies, pieces))
 
     def reaction(self) -> int:
         """Return the address of a function that computes the outputs for other inputs at the end of the last step.

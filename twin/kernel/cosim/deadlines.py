@@ -123,11 +123,7 @@ def _wait_until_due(m, k):
 
 @entry("int", "int", "int", "int", "int")
 def advance(deadlines, first, count, row):
-    """Run ticks of the simulation loop, none before its deadline in real time; return fewer rows after a signal.
-
-    Args:
-        deadlines: address of a record of `DEADLINE_RECORD`.
-    """
+    """Run ticks of the simulation loop, none before its deadline in real time; return fewer rows after a signal."""
     m = carray(_deadlines_at(deadlines), 1)[0]
     if m.start < 0 and count > 0:
         m.start, m.begun = first, _clock_ns(m) - np.int64(np.rint(first * m.tick))
@@ -149,14 +145,8 @@ def advance(deadlines, first, count, row):
 class Deadlines:
     """Pacing of a simulation in real time: deadlines of the ticks, and statistics of lateness.
 
-    Args:
-        tick: wall time of a tick (s), > 0.
-        functions: see `clock_functions`.
-
-    Attributes:
-        memory: record of `DEADLINE_RECORD`, shape (1,).
-        address: address of `memory`.
-        lateness: time from a deadline to the start of its tick.
+    `tick` is the wall time of a tick (s), > 0; `functions` are as of `clock_functions`. `lateness` is the time from a
+    deadline to the start of its tick.
     """
 
     def __init__(self, tick: float, functions: tuple[Any, ...]):

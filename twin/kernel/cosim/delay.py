@@ -110,11 +110,6 @@ def play(
     return rows[:done], int(status[0])
 
 
-def columns(component: Component, rows: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Split rows of a component's outputs (n, outputs) by port: (n,), or (n, size) for a port with several values."""
-    return values_by_port(component.outputs, rows)
-
-
 def values_by_port(ports: tuple[Port, ...], rows: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     """Split rows (n, total width of `ports`) by port: (n,), or (n, size) for a port with several values."""
     parts = by_port(ports, rows)

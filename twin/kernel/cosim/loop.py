@@ -12,6 +12,7 @@ Computation 19). Steps are shortened if the residual grows. M is kept from step 
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from twin.kernel.cosim.component import (
     step_function,
     step_status,
 )
-from twin.kernel.cosim.port import Port, record, state, width
+from twin.kernel.cosim.port import Port, port_slices, record, state, width
 from twin.kernel.errors import InputRefused
 from twin.kernel.settings import fields_of_form
 
@@ -303,7 +304,9 @@ class LoopComponent(Composite):
     ):
         self.members, self._path, self._cure = tuple(members), path, cure
         given, outputs = width(inputs), sum(width(member.outputs) for member in members)
-        places = _value_offsets(self.INPUT_OWNER, inputs, members)
+        owned = [(self.INPUT_OWNER, inputs), *((member.name, member.outputs) for member in members)]
+        named = tuple(replace(port, name=f"{owner}.{port.name}") for owner, ports in owned for port in ports)
+        places = port_slices(named)
         order = {member.name: number for number, member in enumerate(members)}
         fed = dict((target, source) for source, target in wires)
         led: list[int] = []
@@ -312,8 +315,7 @@ class LoopComponent(Composite):
             sources: list[int] = []
             for port in member.inputs:
                 source = fed[f"{member.name}.{port.name}"]
-                first, owner = places[source], source.partition(".")[0]
-                slots = range(first, first + port.size)
+                slots, owner = range(places[source].start, places[source].stop), source.partition(".")[0]
                 if order.get(owner, -1) >= order[member.name]:
                     sources += range(given + outputs + len(led), given + outputs + len(led) + port.size)
                     led += slots
@@ -401,13 +403,3 @@ class LoopComponent(Composite):
     def lacks_state(self, portable: bool = True) -> str:
         reasons = [(c.label or c.name, why) for c in self.members if (why := c.lacks_state(portable))]
         return "; ".join(f"has {label}, which {why}" for label, why in reasons)
-
-
-def _value_offsets(given: str, inputs: tuple[Port, ...], members: Sequence[Component]) -> dict[str, int]:
-    """Return the offset of each loop input and member output in their concatenated values, by "component.port"."""
-    found, place = {}, 0
-    for owner, ports in ((given, inputs), *((member.name, member.outputs) for member in members)):
-        for port in ports:
-            found[f"{owner}.{port.name}"] = place
-            place += port.size
-    return found

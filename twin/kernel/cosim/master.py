@@ -96,13 +96,9 @@ def _step(part, timed, y, t, dt, width, again, held):
 
 @njit(cache=True, inline="always")
 def _publish(part):
-    valid, newest = carray(doubles_at(part.valid), part.y_size), carray(doubles_at(part.newest), part.y_size)
     if part.before != 0:
-        before = carray(doubles_at(part.before), part.y_size)
-        for j in range(part.y_size):
-            before[j] = valid[j]
-    for j in range(part.y_size):
-        valid[j] = newest[j]
+        copy(part.before, part.valid, 8 * part.y_size)
+    copy(part.valid, part.newest, 8 * part.y_size)
 
 
 @njit(cache=True, inline="always")

@@ -151,20 +151,20 @@ class Simulation:
         """
         if isinstance(state, SavedState):
             self._refuse_other_time(state)
-        taken = self._places.import_state(state) if isinstance(state, SavedState) else state
-        if taken is not state:
+            taken = self._places.import_state(state)
             self._refuse_not_finite(taken)
-        if taken.places is not self._places:
+            self.restore(taken)
+            for component in self.system.components:
+                component.refuse_index()
+            taken.close()
+            return
+        if state.places is not self._places:
             raise InputRefused("the state was taken in another simulation; restore what its `saved` returns")
-        self._places.restore_state(taken)
-        for component in self.system.components if taken is not state else ():
-            component.refuse_index()
+        self._places.restore_state(state)
         for change, value in zip(self.system.changes, self._unchanged, strict=True):
             change.memory[...] = value
-        self._set_tick(taken.tick)
+        self._set_tick(state.tick)
         self.failure, self.culprit = None, ""
-        if taken is not state:
-            taken.close()
 
     def adopt(self, saved: SavedState) -> list[str]:
         """Restore the state of a system with more, fewer or changed components; return the names of those it lacks.

@@ -11,7 +11,6 @@ import math
 import re
 import struct
 import weakref
-from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
@@ -98,7 +97,8 @@ class SavedState:
         (length,) = struct.unpack("<Q", whole[:8])
         front = parse_json(whole[8 : 8 + length], f"{where}: the state's description")
         other = InputRefused(f"{where}: this is not a state that twin saved")
-        if not _has_form(front, {"version": int, "pieces": list, "inside": list, "about": dict}):
+        kinds = {"version": int, "pieces": list, "inside": list, "about": dict}
+        if not isinstance(front, dict) or not all(type(front.get(name)) is kind for name, kind in kinds.items()):
             raise other
         if front["version"] != VERSION:
             raise InputRefused(f"{where}: a state of version {front['version']!r}; this twin reads {VERSION}")
@@ -106,14 +106,14 @@ class SavedState:
         if type(tick) is not int or not 0 <= tick < 1 << 62:
             raise InputRefused(f"{where}: this is not a state that twin saved: tick {tick!r}")
         if not all(
-            _has_form(one, [str, str, str, list, int])
+            _has_types(one, [str, str, str, list, int])
             and all(type(n) is int for n in one[3])
             and _DTYPE_PATTERN.fullmatch(one[2])
             and 0 <= one[4] <= MAX_STATE_SIZE
             for one in front["pieces"]
         ):
             raise other
-        if not all(_has_form(one, [str, str, int]) and 0 <= one[2] <= MAX_STATE_SIZE for one in front["inside"]):
+        if not all(_has_types(one, [str, str, int]) and 0 <= one[2] <= MAX_STATE_SIZE for one in front["inside"]):
             raise other
         pieces = [
             SavedPiece(c, name, kind, shape, contents.read(size)) for c, name, kind, shape, size in front["pieces"]
@@ -128,17 +128,9 @@ class SavedState:
         return cls(tick, pieces, inside, about)
 
 
-def _has_form(value: Any, form: dict[str, type] | list[type]) -> bool:
-    """Whether a JSON value is a table with these keys, or a list with these items, of exactly these types."""
-    if isinstance(form, list):
-        return isinstance(value, list) and len(value) == len(form) and all(map(_has_type, value, form))
-    return isinstance(value, dict) and all(
-        name in value and _has_type(value[name], kind) for name, kind in form.items()
-    )
-
-
-def _has_type(value: Any, kind: type) -> bool:
-    return type(value) is kind
+def _has_types(values: Any, kinds: list[type]) -> bool:
+    """Whether a JSON value is a list with items of exactly these types."""
+    return isinstance(values, list) and list(map(type, values)) == kinds
 
 
 class SystemState:
@@ -206,30 +198,24 @@ class StatePlaces:
     def export_state(self, state: SystemState, about: dict[str, Any]) -> SavedState:
         """Export a state of the system that was saved here, for another process; errors as in `SystemState.saved`."""
         refuse_stateless(self._components)
-        packed = [holder.pack(token) for (*_, holder), token in zip(self._holders, state.tokens, strict=True)]
-        own, place = [], 0
+        order = {component.name: number for number, component in enumerate(self._components)}
+        pieces: list[SavedPiece] = []
+        inside: list[SavedContent] = []
+        place = 0
         for component, name, array in self._pieces:
             content = state.memory[place : place + array.nbytes].tobytes()
-            own.append(SavedPiece(component, name, array.dtype.str, list(array.shape), content))
+            pieces.append(SavedPiece(component, name, array.dtype.str, list(array.shape), content))
             place += array.nbytes
-        pieces = [piece for piece in own if piece.name in PORT_SIDES]
-        of_own: dict[str, list[SavedPiece]] = defaultdict(list)
-        for piece in own:
-            if piece.name not in PORT_SIDES:
-                of_own[piece.component].append(piece)
-        held: dict[str, list[tuple[str, Holder, bytes]]] = defaultdict(list)
-        for (component, name, holder), content in zip(self._holders, packed, strict=True):
-            held[component].append((name, holder, content))
-        inside: list[SavedContent] = []
-        for one in self._components:
-            pieces += of_own[one.name]
-            for name, holder, content in held[one.name]:
-                if holds_all(holder):
-                    there, before = SavedState.from_bytes(content, one.name), _member_prefix(name)
-                    pieces += [piece._replace(component=one.name, name=before + piece.name) for piece in there.pieces]
-                    inside += [its._replace(component=one.name, name=before + its.name) for its in there.inside]
-                else:
-                    inside.append(SavedContent(one.name, name, content))
+        for (component, name, holder), token in zip(self._holders, state.tokens, strict=True):
+            content = holder.pack(token)
+            if holds_all(holder):
+                there, before = SavedState.from_bytes(content, component), _member_prefix(name)
+                pieces += [piece._replace(component=component, name=before + piece.name) for piece in there.pieces]
+                inside += [its._replace(component=component, name=before + its.name) for its in there.inside]
+            else:
+                inside.append(SavedContent(component, name, content))
+        # all ports, then the memory of each component
+        pieces.sort(key=lambda piece: -1 if piece.name in PORT_SIDES else order[piece.component])
         return SavedState(state.tick, pieces, inside, about)
 
     def import_state(self, saved: SavedState) -> SystemState:

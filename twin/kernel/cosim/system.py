@@ -27,6 +27,9 @@ class End(NamedTuple):
     port: str
     element: int = 0
 
+    def __str__(self) -> str:
+        return f"{self.component}.{self.port}[{self.element}]"
+
 
 Feeds = dict[End, End]
 """Source of each input value: input value -> output value."""
@@ -59,7 +62,7 @@ def wires(feeds: Mapping[End, End], components: Sequence[Component]) -> list[tup
             feeds.get(end) == End(source.component, source.port, end.element) for end in inside
         )
         if not whole:
-            found.append((_text(source), _text(target)))
+            found.append((str(source), str(target)))
         elif target.element == 0:
             found.append((f"{source.component}.{source.port}", f"{target.component}.{target.port}"))
     return found
@@ -67,10 +70,6 @@ def wires(feeds: Mapping[End, End], components: Sequence[Component]) -> list[tup
 
 def _ports(component: Component, side: str) -> tuple[Port, ...]:
     return component.inputs if side == "input" else component.outputs
-
-
-def _text(end: End) -> str:
-    return f"{end.component}.{end.port}[{end.element}]"
 
 
 @dataclass(frozen=True)
@@ -301,7 +300,7 @@ class System:
             raise InputRefused(f"wire end '{end}': expected component.port or component.port[index]")
         c = self._position(match["component"], end)
         component = self.components[c]
-        ports: tuple[Port, ...] = component.inputs if side == "input" else component.outputs
+        ports = _ports(component, side)
         start = int((self.u_start if side == "input" else self.y_start)[c])
         for port in ports:
             if port.name == match["port"]:

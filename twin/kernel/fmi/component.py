@@ -95,11 +95,12 @@ class RememberedMessages:
         self._label, self._instance, self._stepping = label, instance, stepping
 
     def save_state(self) -> list[Any]:
-        return [*map(list, self._instance.message_state()), self._stepping.discard_reported]
+        instance = self._instance
+        return [list(instance.messages), list(instance.pending_messages), self._stepping.discard_reported]
 
     def restore_state(self, token: list[Any]) -> None:
-        self._instance.restore_messages(token[:2])
-        self._stepping.discard_reported = bool(token[2])
+        self._instance.messages, self._instance.pending_messages = list(token[0]), list(token[1])
+        self._stepping.discard_reported = token[2]
 
     def free(self, token: list[Any]) -> None:
         """Do nothing: the token is a list of messages, which owns no resources."""
@@ -115,17 +116,9 @@ class RememberedMessages:
             raise InputRefused(f"{self._label}: no messages that twin saved") from None
 
 
-def open_instance(
-    name: str,
-    description: FmuDescription,
-    folder: Path,
-    settings: Sequence[Setting] = (),
-    inputs: Sequence[Setting] = (),
-    setup: Setup = Setup(),  # noqa: B008, it is frozen
-) -> Instance:
-    """Create and initialise an FMU instance, for co-simulation or model exchange; arguments as of `Instance`."""
-    kind = ModelExchange if description.kind == "model_exchange" else CosimInstance
-    return kind(name, description, folder, settings, inputs, setup)
+def instance_class(description: FmuDescription) -> type[Instance]:
+    """Return the class of an FMU's instances, for co-simulation or model exchange."""
+    return ModelExchange if description.kind == "model_exchange" else CosimInstance
 
 
 class _DeferredInstances:
@@ -193,8 +186,8 @@ class FmuComponent(Component):
     ):
         wanted = inputs_at_start or {}
         started = [(p.variable, p.to_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
-        make = CosimInstance if sampled else open_instance
-        self.instance = instance or make(name, description, folder, settings, started, setup)
+        kind = CosimInstance if sampled else instance_class(description)
+        self.instance = instance or kind(name, description, folder, settings, started, setup)
         try:
             initial = np.concatenate([np.zeros(0), *(p.gain * self._initial_values(p) + p.offset for p in outputs)])
             if sampled:

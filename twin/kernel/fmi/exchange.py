@@ -10,30 +10,11 @@ from twin.kernel.compiled.function import carray, njit
 from twin.kernel.cosim.component import address_of, doubles_at, step_function
 from twin.kernel.cosim.python_class import STEP_FUNCTION
 from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.fmi import solvers
 from twin.kernel.fmi.cosim_step import DISCARD_RECORD
 from twin.kernel.fmi.groups import MAX_UPDATES, get_all, set_all, store_status
 from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.lifecycle import Fmi2, Fmi3, FMU2Exchange, FMU3Exchange
-from twin.kernel.fmi.solvers import (
-    ARRAY_OVERFLOW,
-    DEFAULT_TOLERANCE,
-    EXCHANGE_FUNCTIONS,
-    EXCHANGE_FUNCTIONS_3,
-    GUARD_SIZE,
-    GUARD_VALUE,
-    MAX_EVENTS,
-    SOLVER_MEMORY,
-    TOO_MANY_EVENTS,
-    Cvode,
-    Solver,
-    exchange_error,
-    handle_event,
-    integrate_cvode,
-    integrate_rk4,
-    scale_tolerances,
-    set_time_and_states,
-    time_tolerance,
-)
 from twin.kernel.fmi.stepping import FmuPort, Stepping, port_slots
 from twin.kernel.fmi.variable import Variable
 
@@ -41,7 +22,7 @@ MAX_STATES, MAX_INDICATORS = 1000, 10_000
 """Maximum numbers of continuous states and event indicators; the Jacobian of the solver is dense."""
 
 
-@step_function(SOLVER_MEMORY)
+@step_function(solvers.SOLVER_MEMORY)
 def step(m, t, h, u, y):
     return store_status(m.note, _step(m, t, h, u, y))
 
@@ -60,40 +41,40 @@ def _step(m, t, h, u, y):
     if m.final == 0:
         m.restart = 1
     events = 0
-    if m.now < m.next_event <= m.now + time_tolerance(m.now):
+    if m.now < m.next_event <= m.now + solvers.time_tolerance(m.now):
         # advance to the exact event time, as an FMU may compare times
         m.now = m.next_event
-        status = set_time_and_states(m, m.now, m.x)
+        status = solvers.set_time_and_states(m, m.now, m.x)
         if status != 0:
             return status
     if jumped or m.next_event <= m.now:
-        status = handle_event(m, address_of(u), jumped)
+        status = solvers.handle_event(m, address_of(u), jumped)
         if status != 0:
             return status
-    while m.now < end - time_tolerance(end):
+    while m.now < end - solvers.time_tolerance(end):
         happened = m.next_event <= m.now
         if not happened:
             stop = min(end, m.next_event)
             if m.cvode != 0:
-                happened, status = integrate_cvode(m, stop)
+                happened, status = solvers.integrate_cvode(m, stop)
             else:
-                happened, status = integrate_rk4(m, stop)
+                happened, status = solvers.integrate_rk4(m, stop)
             if status != 0:
                 return status
         if happened:
             events += 1
-            if events > MAX_EVENTS:
-                return TOO_MANY_EVENTS
-            status = handle_event(m, address_of(u), False)
+            if events > solvers.MAX_EVENTS:
+                return solvers.TOO_MANY_EVENTS
+            status = solvers.handle_event(m, address_of(u), False)
             if status != 0:
                 return status
     for array, count in ((m.x, m.size), (m.k_1, m.size), (m.z, m.indicators)):
-        if carray(doubles_at(array), count + 1)[count] != GUARD_VALUE:
-            return ARRAY_OVERFLOW
+        if carray(doubles_at(array), count + 1)[count] != solvers.GUARD_VALUE:
+            return solvers.ARRAY_OVERFLOW
     return get_all(m.version, m.instance, m.output_groups, m.outputs, address_of(y))
 
 
-@step_function(SOLVER_MEMORY)
+@step_function(solvers.SOLVER_MEMORY)
 def react(m, t, h, u, y):
     """Compute a model-exchange FMU's outputs for other inputs at the present time, without a step."""
     status = set_all(m.version, m.instance, m.input_groups, m.inputs, address_of(u))
@@ -115,18 +96,18 @@ class Integrator:
     def __init__(
         self,
         model: "ModelExchange",
-        solver: Solver = Solver(),  # noqa: B008, it is frozen
+        solver: solvers.Solver = solvers.Solver(),  # noqa: B008, it is frozen
         tables: Sequence[np.ndarray] = (),
         width: int = 0,
     ):
         self._model, size = model, max(model.states, 1)
-        tolerance = model.setup.tolerance or DEFAULT_TOLERANCE
+        tolerance = model.setup.tolerance or solvers.DEFAULT_TOLERANCE
         rows = {"x": size, "z_before": model.indicators, "last_inputs": width}
         scratch = {name: size for name in ("began", "k_1", "k_2", "k_3", "k_4", "scales")}
-        scratch |= {"z": model.indicators, "info": GUARD_SIZE}
-        self.block, begins = _allocate_block(rows, SOLVER_MEMORY.itemsize // 8)
+        scratch |= {"z": model.indicators, "info": solvers.GUARD_SIZE}
+        self.block, begins = _allocate_block(rows, solvers.SOLVER_MEMORY.itemsize // 8)
         self._scratch, places = _allocate_block(scratch)
-        self.memory = self.block[: SOLVER_MEMORY.itemsize // 8].view(SOLVER_MEMORY)
+        self.memory = self.block[: solvers.SOLVER_MEMORY.itemsize // 8].view(solvers.SOLVER_MEMORY)
         self._rows = {name: self.block[begins[name] :][:count] for name, count in rows.items()}
         m = self.memory[0]
         for name, place in begins.items():
@@ -134,7 +115,7 @@ class Integrator:
         for name, place in places.items():
             m[name] = self._scratch.ctypes.data + 8 * place
         version = model.description.version
-        for field, function in (EXCHANGE_FUNCTIONS if version == 2 else EXCHANGE_FUNCTIONS_3).items():
+        for field, function in (solvers.EXCHANGE_FUNCTIONS if version == 2 else solvers.EXCHANGE_FUNCTIONS_3).items():
             if version == 3 or field != "number_of_states":
                 m[field] = model.address(function)
         m["version"], m["instance"], m["note"] = version, model.handle, model.note.ctypes.data
@@ -154,10 +135,10 @@ class Integrator:
         scales = self._scratch[places["scales"] :][:size]
         x[:] = scales[:] = 1.0
         scales[: model.states] = model.nominals()
-        scale_tolerances(scales, tolerance)
+        solvers.scale_tolerances(scales, tolerance)
         self._cvode = None
         if solver.method == "cvode":
-            self._cvode = Cvode(x, scales, tolerance, model.indicators, self.memory.ctypes.data)
+            self._cvode = solvers.Cvode(x, scales, tolerance, model.indicators, self.memory.ctypes.data)
             for field, address in self._cvode.addresses.items():
                 m[field] = address
 
@@ -174,13 +155,12 @@ class Integrator:
 
     def explain(self, status: int) -> str:
         """Describe a failure status of a model-exchange step as a verb phrase; "" for statuses of other origin."""
-        return exchange_error(self.memory[0], status, self._model.invalid_status)
+        return solvers.exchange_error(self.memory[0], status, self._model.invalid_status)
 
     def close(self) -> None:
         """Free the solver of the FMU's equations; safe to call twice."""
         if self._cvode is not None:
             self._cvode.close()
-            self._cvode = None
 
 
 def _allocate_block(sizes: dict[str, int], first: int = 0) -> tuple[np.ndarray, dict[str, int]]:
@@ -188,22 +168,16 @@ def _allocate_block(sizes: dict[str, int], first: int = 0) -> tuple[np.ndarray, 
     places, place = {}, first
     for name, size in sizes.items():
         places[name] = place
-        place += size + GUARD_SIZE
-    block = np.full(place, GUARD_VALUE)
+        place += size + solvers.GUARD_SIZE
+    block = np.full(place, solvers.GUARD_VALUE)
     block[:first] = 0.0
     for name, size in sizes.items():
         block[places[name] : places[name] + size] = 0.0
     return block, places
 
 
-class _Fmi2(Fmi2):
-    slave = FMU2Exchange
-
-
 class _Fmi3(Fmi3):
     """Life cycle of an FMI 3.0 FMU for model exchange, which has its own function for instantiation."""
-
-    slave = FMU3Exchange
 
     def instantiate(self, instance: Instance) -> None:
         with instance.calling("InstantiateModelExchange"):
@@ -218,7 +192,7 @@ class ModelExchange(Instance):
     `next_event` is the time event requested at the start (s); infinity without one.
     """
 
-    _standards: ClassVar[Mapping[int, Any]] = {2: _Fmi2(), 3: _Fmi3()}
+    _standards: ClassVar[Mapping[int, Any]] = {2: Fmi2(FMU2Exchange), 3: _Fmi3(FMU3Exchange)}
     _integrator: Integrator | None = None
 
     def takes_ramp(self, variable: Variable) -> bool:
@@ -257,24 +231,22 @@ class ModelExchange(Instance):
     def _to_continuous_time(self) -> None:
         path, version = self.description.path, self.description.version
         update = self.fmu.newDiscreteStates if version == 2 else self.fmu.updateDiscreteStates
+        why = ""
         try:
             with self.calling("NewDiscreteStates" if version == 2 else "UpdateDiscreteStates"):
                 for _ in range(MAX_UPDATES):
                     needed, ended, _, _, timed, when = update()
                     if ended or not needed:
                         break
-            if not ended and not needed:
-                with self.calling("EnterContinuousTimeMode"):
-                    self.fmu.enterContinuousTimeMode()
-        # FMICallException of FMPy
-        except Exception as problem:
-            self.close()
-            raise InputRefused(
-                f"{path}: cannot be brought into continuous-time mode: {problem}{self._quoted_messages()}"
-            ) from None
-        try:
             if ended or needed:
                 why = "it asks to terminate" if ended else f"its first event needs more than {MAX_UPDATES} updates"
+            else:
+                self.call("EnterContinuousTimeMode")
+        # FMICallException of FMPy
+        except Exception as problem:
+            why = str(problem)
+        try:
+            if why:
                 raise InputRefused(
                     f"{path}: cannot be brought into continuous-time mode: {why}{self._quoted_messages()}"
                 )
@@ -291,10 +263,8 @@ class ModelExchange(Instance):
         model = self.description.model
         self.states, self.indicators = model.numberOfContinuousStates, model.numberOfEventIndicators
         if self.description.version == 3:
-            with self.calling("GetNumberOfContinuousStates"):
-                self.states = self.fmu.getNumberOfContinuousStates()
-            with self.calling("GetNumberOfEventIndicators"):
-                self.indicators = self.fmu.getNumberOfEventIndicators()
+            self.states = self.call("GetNumberOfContinuousStates")
+            self.indicators = self.call("GetNumberOfEventIndicators")
         resized = any(v.causality == "structuralParameter" for v in self.description.variables.values())
         for count, listed, most, name in (
             (self.states, model.numberOfContinuousStates, MAX_STATES, "continuous states"),
@@ -326,7 +296,7 @@ class ModelExchange(Instance):
         """Read a vector of `count` doubles with the FMU's function `Get{name}`; refuse more or fewer (guard values)."""
         if count == 0:
             return np.zeros(0)
-        values = np.full(count + GUARD_SIZE, GUARD_VALUE)
+        values = np.full(count + solvers.GUARD_SIZE, solvers.GUARD_VALUE)
         function = f"fmi{self.description.version}Get{name}"
         try:
             with self.calling(f"Get{name}"):
@@ -337,8 +307,8 @@ class ModelExchange(Instance):
             raise InputRefused(
                 f"{self.description.path}: {function} failed: {problem}{self._quoted_messages()}"
             ) from None
-        if np.any(values[count:] != GUARD_VALUE) or np.any(values[:count] == GUARD_VALUE):
-            other = "more" if np.any(values[count:] != GUARD_VALUE) else "fewer"
+        if np.any(values[count:] != solvers.GUARD_VALUE) or np.any(values[:count] == solvers.GUARD_VALUE):
+            other = "more" if np.any(values[count:] != solvers.GUARD_VALUE) else "fewer"
             raise InputRefused(
                 f"{self.description.path}: {function} writes {other} numbers than the {count} that "
                 "modelDescription.xml lists; export it again"
@@ -357,7 +327,7 @@ class ExchangeStepping(Stepping):
     def __init__(
         self,
         instance: ModelExchange,
-        solver: Solver,
+        solver: solvers.Solver,
         inputs: Sequence[FmuPort],
         outputs: Sequence[FmuPort],
         shift: np.ndarray,

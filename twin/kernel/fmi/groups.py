@@ -16,7 +16,7 @@ from twin.kernel.compiled.function import c, carray, njit, pointer_to
 from twin.kernel.compiled.native import Native
 from twin.kernel.cosim.component import address_of, c_function, doubles_at, integers_at
 from twin.kernel.cosim.port import record
-from twin.kernel.fmi.variable import FLOAT_32, FLOAT_64, MAX_EXACT, WHOLE_HIGH, WHOLE_LOW
+from twin.kernel.fmi.variable import HIGHEST_VALUES, LOWEST_VALUES, MAX_EXACT
 from twin.kernel.hooks import HOOKS
 
 INVALID_STATUS, STATUS_WIDTH = 15, 16
@@ -231,19 +231,11 @@ def store_status(note, status):
 @njit(cache=True)
 def _store(kind, buffer, j, value):
     """Store a number at index `j` of a buffer of FMI type `kind`, integers rounded; return whether it is in range."""
-    if kind < 2:
-        most = FLOAT_32 if kind == 1 else FLOAT_64
-        if not -most <= value <= most:
-            return False
-    else:
-        # doubles from MAX_EXACT / 2 on are integers, and adding a half to them would round
-        if abs(value) < MAX_EXACT // 2:
-            value = np.floor(value + 0.5)
-        if kind >= BOOLEAN_KIND:
-            if not 0.0 <= value <= 1.0:
-                return False
-        elif not WHOLE_LOW[kind - 2] <= value <= WHOLE_HIGH[kind - 2]:
-            return False
+    # doubles from MAX_EXACT / 2 on are integers, and adding a half to them would round
+    if kind >= 2 and abs(value) < MAX_EXACT // 2:
+        value = np.floor(value + 0.5)
+    if not LOWEST_VALUES[kind] <= value <= HIGHEST_VALUES[kind]:
+        return False
     if kind == 0:
         carray(_f64(buffer), j + 1)[j] = value
     elif kind == 1:

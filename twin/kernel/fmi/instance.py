@@ -35,15 +35,12 @@ def working_directory() -> str:
 class Instance:
     """An FMU instance, initialised and ready to step; subclasses implement the kinds of FMUs.
 
-    Methods that call the FMU raise `ComponentFailed` if it refuses.
-
-    Args:
-        settings: values set before initialisation, in the FMU's units.
-        inputs: values set in initialisation mode.
+    Methods that call the FMU raise `ComponentFailed` if it refuses; InputRefused if it cannot be loaded, instantiated
+    or initialised. `settings` are set before initialisation, in the FMU's units, and `inputs` in initialisation mode.
 
     Attributes:
-        handle: address of the FMU's own instance.
         messages: last warnings and errors that it logged.
+        pending_messages: (tick, text) of the messages to be reported.
         missing: functions missing in its binary, accepted in lenient mode.
         clock: the first element is the tick being stepped.
         stepped: whether it is part of a simulation that has begun.
@@ -52,9 +49,6 @@ class Instance:
         ramp: `groups.RAMP_RECORD` of the inputs that are interpolated over a step.
         clocks, planned, returned, events: `cosim_step.CLOCK_RECORD` of each clock, time of the next event, memory for
             returned values, and `cosim_step.EVENTS_RECORD`, or None without event mode.
-
-    Raises:
-        InputRefused: it cannot be loaded, instantiated or initialised.
     """
 
     _standards: ClassVar[Mapping[int, Any]]
@@ -75,7 +69,7 @@ class Instance:
         self.clock, self.stepped = np.zeros(1, dtype=np.int64), False
         self._here, self._moved = working_directory(), False
         self._mode, self._mode_changed = floating_point.mode(), False
-        self._pending_messages: list[tuple[int, str]] = []
+        self.pending_messages: list[tuple[int, str]] = []
         self.folder, self.settings, self.inputs, self.setup = folder, settings, inputs, setup
         self.standard = self._standards[description.version]
         self.note = np.zeros(1, dtype=groups.NOTE_RECORD)
@@ -93,6 +87,7 @@ class Instance:
 
     @property
     def handle(self) -> int:
+        """Address of the FMU's own instance."""
         return int(self.fmu.component)
 
     def address(self, function: str) -> int:
@@ -194,19 +189,12 @@ class Instance:
         """Free the saved FMU state at address `state`."""
         self._call("FreeFMUstate", lambda: self.fmu.freeFMUState(c_void_p(state)))
 
-    def message_state(self) -> list[Any]:
-        """Return the record of the FMU's messages: [recent messages, pending messages]."""
-        return [self.messages, self._pending_messages]
-
-    def restore_messages(self, state: Any) -> None:
-        self.messages, self._pending_messages = list(state[0]), [(int(tick), str(text)) for tick, text in state[1]]
-
     def pop_messages(self) -> list[tuple[int, str]]:
         """Return and clear the FMU's pending messages (tick, text), at most `MAX_PENDING_MESSAGES`."""
         # steps are not announced individually, so the working directory is checked here
         self.return_to(self._here)
         self.restore_mode(self._mode)
-        messages, self._pending_messages = self._pending_messages, []
+        messages, self.pending_messages = self.pending_messages, []
         return messages
 
     def close(self) -> None:
@@ -214,6 +202,11 @@ class Instance:
         if self.fmu is not None and self.fmu.component:
             self.standard.free(self)
         self.fmu = None
+
+    def call(self, function: str, **arguments: Any) -> Any:
+        """Call an FMI function by FMPy's method of the same name, announced to the hooks."""
+        with self.calling(function):
+            return getattr(self.fmu, function[0].lower() + function[1:])(**arguments)
 
     @contextmanager
     def calling(self, function: str) -> Iterator[None]:
@@ -324,22 +317,16 @@ class Instance:
 
     def report(self, text: str) -> None:
         """Append a message to the pending messages of the FMU, with the present tick."""
-        if len(self._pending_messages) < MAX_PENDING_MESSAGES:
-            self._pending_messages.append((int(self.clock[0]), text))
+        if len(self.pending_messages) < MAX_PENDING_MESSAGES:
+            self.pending_messages.append((int(self.clock[0]), text))
 
     def _variable_name(self, reference: re.Match[str]) -> str:
         """Return the variable name for a reference `#r12#` in an FMU's log message (FMI 2.0.4, 2.1.5), if known."""
         if reference[0] == "##":
             return "#"
-        types = LOGGED_TYPES[reference["type"]]
-        return next(
-            (
-                v.name
-                for v in self.description.variables.values()
-                if v.reference == int(reference["reference"]) and v.type in types
-            ),
-            reference[0],
-        )
+        types, number = LOGGED_TYPES[reference["type"]], int(reference["reference"])
+        found = (v.name for v in self.description.variables.values() if v.reference == number and v.type in types)
+        return next(found, reference[0])
 
 
 class UnfitValue(ValueError):

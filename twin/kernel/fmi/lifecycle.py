@@ -22,16 +22,7 @@ from fmpy.fmi3 import FMU3Model, FMU3Slave
 
 from twin.kernel.cosim.python_class import STEP_FUNCTION
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.fmi.cosim_step import (
-    CHANGING_CLOCK,
-    CLOCK_RECORD,
-    COUNTDOWN_CLOCK,
-    EVENTS_RECORD,
-    OUTPUT_CLOCK,
-    PERIODIC_CLOCK,
-    UNKNOWN_STEP,
-    update_discrete_states,
-)
+from twin.kernel.fmi import cosim_step
 from twin.kernel.fmi.description import STRUCTURAL_PARAMETER, clocks, stated_interval
 from twin.kernel.fmi.groups import STATUS_WIDTH, explain_status, intermediate_update, status_phrase
 from twin.kernel.fmi.instance import Instance
@@ -207,7 +198,8 @@ def _on_message_2(environment: int | None, instance: bytes, status: int, categor
 class Fmi2:
     """Life cycle of an FMI 2.0 FMU: calls that instantiate, initialise and free it; `slave` is FMPy's class."""
 
-    slave: ClassVar[Callable[..., Any]] = FMU2Drive
+    def __init__(self, slave: Callable[..., Any]):
+        self.slave = slave
 
     def load_binary(self, instance: Instance) -> Any:
         """Load the FMU's binary; return FMPy's instance. Missing functions are recorded in lenient mode."""
@@ -244,18 +236,14 @@ class Fmi2:
     def enter(self, instance: Instance) -> None:
         """Set the FMU's start values and enter initialisation mode."""
         instance.write(instance.settings)
-        with instance.calling("SetupExperiment"):
-            instance.fmu.setupExperiment(
-                tolerance=instance.setup.tolerance, startTime=instance.setup.start, stopTime=instance.setup.stop
-            )
-        with instance.calling("EnterInitializationMode"):
-            instance.fmu.enterInitializationMode()
+        setup = instance.setup
+        instance.call("SetupExperiment", tolerance=setup.tolerance, startTime=setup.start, stopTime=setup.stop)
+        instance.call("EnterInitializationMode")
         instance.write(instance.inputs)
 
     def leave(self, instance: Instance) -> None:
         """Leave the FMU's initialisation mode and enter step mode."""
-        with instance.calling("ExitInitializationMode"):
-            instance.fmu.exitInitializationMode()
+        instance.call("ExitInitializationMode")
 
     def type_name(self, variable: Variable) -> str:
         """Return the type in the names of the FMI functions that set and get a variable, such as "Real"."""
@@ -265,8 +253,7 @@ class Fmi2:
         return getattr(fmu, f"get{self.type_name(variable)}")([variable.reference])
 
     def free(self, instance: Instance) -> None:
-        with instance.calling("FreeInstance"):
-            instance.fmu.freeInstance()
+        instance.call("FreeInstance")
 
     @staticmethod
     def _callbacks(standard: Any, kind: str, logger: Any) -> Any:
@@ -282,8 +269,6 @@ class Fmi2:
 
 class Fmi1(Fmi2):
     """Life cycle of an FMI 1.0 FMU, which has neither a tolerance nor an initialisation mode."""
-
-    slave = FMU1Drive
 
     def instantiate(self, instance: Instance) -> None:
         callbacks = self._callbacks(fmi1, "fmi1CallbackFunctions", _on_message_1)
@@ -313,8 +298,6 @@ class Fmi1(Fmi2):
 
 class Fmi3(Fmi2):
     """Life cycle of an FMI 3.0 FMU, with event mode and early return if the FMU supports them."""
-
-    slave = FMU3Drive
 
     def instantiate(self, instance: Instance) -> None:
         fmu, abilities = instance.fmu, instance.description.model.coSimulation
@@ -348,19 +331,14 @@ class Fmi3(Fmi2):
 
     def enter(self, instance: Instance) -> None:
         """Set the FMU's structural parameters in configuration mode and start values; enter initialisation mode."""
-        fmu = instance.fmu
+        setup = instance.setup
         structure = [setting for setting in instance.settings if setting[0].causality == STRUCTURAL_PARAMETER]
         if structure:
-            with instance.calling("EnterConfigurationMode"):
-                fmu.enterConfigurationMode()
+            instance.call("EnterConfigurationMode")
             instance.write(structure)
-            with instance.calling("ExitConfigurationMode"):
-                fmu.exitConfigurationMode()
+            instance.call("ExitConfigurationMode")
         instance.write([setting for setting in instance.settings if setting[0].causality != STRUCTURAL_PARAMETER])
-        with instance.calling("EnterInitializationMode"):
-            fmu.enterInitializationMode(
-                tolerance=instance.setup.tolerance, startTime=instance.setup.start, stopTime=instance.setup.stop
-            )
+        instance.call("EnterInitializationMode", tolerance=setup.tolerance, startTime=setup.start, stopTime=setup.stop)
         # a clocked input may be set only while its clock ticks
         instance.write([setting for setting in instance.inputs if not setting[0].clocks])
 
@@ -370,8 +348,7 @@ class Fmi3(Fmi2):
         if events:
             with instance.calling("GetIntervalDecimal"):
                 instance.clocks = clock_table(instance)
-        with instance.calling("ExitInitializationMode"):
-            instance.fmu.exitInitializationMode()
+        instance.call("ExitInitializationMode")
         if events:
             _leave_event_mode(instance)
 
@@ -386,7 +363,7 @@ def _leave_event_mode(instance: Instance) -> None:
     """Handle the FMU's initial event and enter step mode; stores the data that steps need for events."""
     instance.planned = np.array([np.inf])
     instance.returned = np.zeros(MAX_RETURNED_SIZE, dtype=np.uint8)
-    instance.events = np.zeros(1, dtype=EVENTS_RECORD)
+    instance.events = np.zeros(1, dtype=cosim_step.EVENTS_RECORD)
     e = instance.events[0]
     e["instance"], e["step"] = instance.handle, instance.setup.step or 1.0
     e["enter_event_mode"], e["enter_step_mode"] = (instance.address(f"Enter{mode}Mode") for mode in ("Event", "Step"))
@@ -395,7 +372,7 @@ def _leave_event_mode(instance: Instance) -> None:
     e["clocks"], e["clock_table"] = len(instance.clocks), instance.clocks.ctypes.data
     e["next"], e["returned"] = instance.planned.ctypes.data, instance.returned.ctypes.data
     # compiled before the call is announced, so that the compile time is not attributed to the FMU
-    settled = update_discrete_states.native.c_function
+    settled = cosim_step.update_discrete_states.native.c_function
     with instance.calling("UpdateDiscreteStates"):
         status = settled(instance.events.ctypes.data, 0, -1, instance.setup.start)
     if status != 0:
@@ -403,24 +380,25 @@ def _leave_event_mode(instance: Instance) -> None:
         instance.note["status"] = status >> STATUS_WIDTH
         bare = status & (1 << STATUS_WIDTH) - 1
         raise InputRefused(explain_status(bare, "fmi3", {}, float(e["value"]), clock, "", instance.invalid_status))
-    with instance.calling("EnterStepMode"):
-        instance.fmu.enterStepMode()
+    instance.call("EnterStepMode")
 
 
 def clock_table(instance: Instance) -> np.ndarray:
     """Make the table of an FMU instance's clocks in initialisation mode, (clocks,) of `cosim_step.CLOCK_RECORD`."""
     found = clocks(instance.description)
-    table = np.zeros(len(found), dtype=CLOCK_RECORD)
+    asked_kinds = {"changing": cosim_step.CHANGING_CLOCK, "countdown": cosim_step.COUNTDOWN_CLOCK}
+    table = np.zeros(len(found), dtype=cosim_step.CLOCK_RECORD)
     for row, clock in zip(table, found, strict=True):
-        row["reference"], row["kind"], row["next"] = clock.valueReference, PERIODIC_CLOCK, UNKNOWN_STEP
+        row["reference"], row["kind"] = clock.valueReference, cosim_step.PERIODIC_CLOCK
+        row["next"] = cosim_step.UNKNOWN_STEP
         if clock.causality == "output":
-            row["kind"] = OUTPUT_CLOCK
+            row["kind"] = cosim_step.OUTPUT_CLOCK
         elif clock.intervalVariability == "triggered":
             row["period"], row["next"] = 1, 0
-        elif clock.intervalVariability in ("changing", "countdown"):
-            row["kind"] = CHANGING_CLOCK if clock.intervalVariability == "changing" else COUNTDOWN_CLOCK
+        elif clock.intervalVariability in asked_kinds:
+            row["kind"] = asked_kinds[clock.intervalVariability]
             interval, known = _query_interval(instance, clock)
-            row["next"] = _whole_steps(instance, clock, interval, 1) if known else UNKNOWN_STEP
+            row["next"] = _whole_steps(instance, clock, interval, 1) if known else cosim_step.UNKNOWN_STEP
         else:
             interval, shift = stated_interval(clock)
             if clock.intervalDecimal is None and clock.intervalCounter is None:
@@ -432,7 +410,7 @@ def clock_table(instance: Instance) -> np.ndarray:
             row["period"] = _whole_steps(instance, clock, interval, 1)
             row["next"] = _whole_steps(instance, clock, shift, 0)
     # steps are counted from 0 s, clock intervals from the start of the run
-    table["next"][table["next"] < UNKNOWN_STEP] += round(instance.setup.start / (instance.setup.step or 1.0))
+    table["next"][table["next"] < cosim_step.UNKNOWN_STEP] += round(instance.setup.start / (instance.setup.step or 1.0))
     return table
 
 
@@ -459,7 +437,7 @@ def _whole_steps(instance: Instance, clock: Any, interval: float, least: int) ->
 class CosimInstance(Instance):
     """An FMU instance for co-simulation, initialised and ready to step; errors and attributes as of `Instance`."""
 
-    _standards: ClassVar[Mapping[int, Any]] = {1: Fmi1(), 2: Fmi2(), 3: Fmi3()}
+    _standards: ClassVar[Mapping[int, Any]] = {1: Fmi1(FMU1Drive), 2: Fmi2(FMU2Drive), 3: Fmi3(FMU3Drive)}
     _stepping: Stepping | None = None
 
     def advance(self, t: float, h: float) -> None:

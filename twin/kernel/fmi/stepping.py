@@ -49,17 +49,11 @@ def port_slots(ports: Sequence[FmuPort], shift: np.ndarray | None = None) -> lis
     return [PortSlots(p, np.arange(a, b), shifts[a:b]) for p, a, b in zip(ports, ends, ends[1:], strict=False)]
 
 
-def with_end_ports(instance: Instance, inputs: Sequence[FmuPort]) -> list[FmuPort]:
-    """Append to the inputs a port for the value at the end of the step, for each one interpolated over a step."""
-    ramped = [p for p in inputs if instance.takes_ramp(p.variable)]
-    return [*(p.for_instant("start") if p in ramped else p for p in inputs), *(p.for_instant("end") for p in ramped)]
-
-
 class Stepping:
     """Compiled step of a co-simulation FMU instance in step mode, with its memory.
 
-    `shift` are offsets added to the output values (SI). `inputs` are as of `with_end_ports`, `outputs` with slots and
-    shifts. `discard_reported`: discarded steps have been reported.
+    `shift` are offsets added to the output values (SI). `inputs` are followed by a port for the value at the end of the
+    step of each one that is interpolated, `outputs` have slots and shifts.
     """
 
     discard_reported = False
@@ -73,7 +67,8 @@ class Stepping:
     ):
         self.instance = instance
         ramped = [i for i, p in enumerate(inputs) if instance.takes_ramp(p.variable)]
-        self.inputs = with_end_ports(instance, inputs)
+        self.inputs = [p.for_instant("start") if i in ramped else p for i, p in enumerate(inputs)]
+        self.inputs += [inputs[i].for_instant("end") for i in ramped]
         self._into, self.outputs = port_slots(self.inputs), port_slots(outputs, shift)
         self._keep: list[Any] = []
         self._moving: list[np.ndarray] = []
@@ -115,28 +110,20 @@ class Stepping:
             port, name = self._port_at(self.outputs, int(note["slot"]))
             whole = int(note["whole"]) % (1 << 64 if port.variable.type == "UInt64" else 1 << 128)
             return inexact_phrase(name, port.variable.type, whole)
-        for base, ports in ((groups.SET_FAILED, self._into), (groups.GET_FAILED, self.outputs)):
+        functions = {groups.SAVE_FAILED: f"Get{self.state_name}", groups.RESTORE_FAILED: f"Set{self.state_name}"}
+        for base, verb, ports in ((groups.SET_FAILED, "Set", self._into), (groups.GET_FAILED, "Get", self.outputs)):
             if status // 16 * 16 == base:
                 variable = self._port_at(ports, int(note["slot"]))[0].variable
-                name = f"{'Set' if base == groups.SET_FAILED else 'Get'}{instance.standard.type_name(variable)}"
-                return groups.explain_status(
-                    status, instance.description.prefix, {base: name}, 0.0, "", message, instance.invalid_status
-                )
-        states = {groups.SAVE_FAILED: f"Get{self.state_name}", groups.RESTORE_FAILED: f"Set{self.state_name}"}
-        value, clock = float(self._shorter[0]["value"]), 0
-        if "value" in (self.memory.dtype.names or ()):
-            value = float(self.memory[0]["value"])
-        if instance.events is not None and status in (
-            groups.ENDLESS_UPDATES,
-            groups.EVENT_IN_PAST,
-            groups.INVALID_INTERVAL,
-            *range(groups.INTERVAL_FAILED, groups.INTERVAL_FAILED + 16),
-        ):
+                functions[base] = f"{verb}{instance.standard.type_name(variable)}"
+        holder = self.memory if "value" in (self.memory.dtype.names or ()) else self._shorter
+        value, clock = float(holder[0]["value"]), 0
+        events = (groups.ENDLESS_UPDATES, groups.EVENT_IN_PAST, groups.INVALID_INTERVAL)
+        if instance.events is not None and (status in events or status // 16 * 16 == groups.INTERVAL_FAILED):
             value, clock = float(instance.events[0]["value"]), int(instance.events[0]["culprit"])
         sentence = groups.explain_status(
             status,
             instance.description.prefix,
-            states,
+            functions,
             value,
             instance.clock_name(clock),
             message,

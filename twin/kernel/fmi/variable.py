@@ -17,19 +17,8 @@ from twin.kernel.files import read_bytes
 from twin.kernel.ssp.structure import REAL_TYPES, ParameterValue, UnitDefinition
 from twin.kernel.units import TEMPERATURE, Dimension, Unit, known_unit
 
-NUMERIC_TYPES = (
-    "Float64",
-    "Float32",
-    "Int8",
-    "UInt8",
-    "Int16",
-    "UInt16",
-    "Int32",
-    "UInt32",
-    "Int64",
-    "UInt64",
-    "Boolean",
-)
+_INTEGERS = [f"{sign}Int{bits}" for bits in (8, 16, 32, 64) for sign in ("", "U")]
+NUMERIC_TYPES = ("Float64", "Float32", *_INTEGERS, "Boolean")
 """Numeric types of FMI 3.0, which represent variables of all FMI versions; `Variable.kind` is the index."""
 
 ITEM_SIZES = (8, 4, 1, 1, 2, 2, 4, 4, 8, 8, 1)
@@ -38,9 +27,12 @@ ITEM_SIZES = (8, 4, 1, 1, 2, 2, 4, 4, 8, 8, 1)
 MAX_EXACT = 2**53
 """Largest integer up to which a double represents every integer; signals are doubles."""
 FLOAT_64, FLOAT_32 = float(np.finfo(np.float64).max), float(np.finfo(np.float32).max)
-WHOLE_LOW = (-(2.0**7), 0.0, -(2.0**15), 0.0, -(2.0**31), 0.0, -(2.0**53), 0.0)
-WHOLE_HIGH = (2.0**7 - 1, 2.0**8 - 1, 2.0**15 - 1, 2.0**16 - 1, 2.0**31 - 1, 2.0**32 - 1, 2.0**53, 2.0**53)
-"""Bounds of the integer types of `NUMERIC_TYPES`, from the third on; for 64 bits, of the integers exact in a double."""
+LOWEST_VALUES = (-FLOAT_64, -FLOAT_32, -(2.0**7), 0.0, -(2.0**15), 0.0, -(2.0**31), 0.0, -(2.0**53), 0.0, 0.0, 0.0)
+HIGHEST_VALUES = (
+    FLOAT_64, FLOAT_32,
+    2.0**7 - 1, 2.0**8 - 1, 2.0**15 - 1, 2.0**16 - 1, 2.0**31 - 1, 2.0**32 - 1, 2.0**53, 2.0**53, 1.0, 1.0,
+)  # fmt: skip
+"""Bounds of `NUMERIC_TYPES`, for 64 bits of the integers exact in a double; last, those of the Boolean of FMI 2.0."""
 SPEED_DIMENSION = Dimension(s=-1)
 RAD_PER_TURN = 2.0 * math.pi
 UNIT_NAMES = (
@@ -184,12 +176,8 @@ class Variable:
     @property
     def bounds(self) -> tuple[float, float]:
         """Smallest and largest value of the variable's type; for 64-bit integers, of those exact in a double."""
-        if self.type == "Boolean":
-            return 0.0, 1.0
-        if 2 <= self.kind < 10:
-            return WHOLE_LOW[self.kind - 2], WHOLE_HIGH[self.kind - 2]
-        most = FLOAT_32 if NUMERIC_TYPES[self.kind] == "Float32" else FLOAT_64
-        return -most, most
+        kind = -1 if self.type == "Boolean" else self.kind
+        return LOWEST_VALUES[kind], HIGHEST_VALUES[kind]
 
     @property
     def range_phrase(self) -> str:

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
@@ -55,18 +55,13 @@ def with_parameters(package: Package, files: Sequence[Path]) -> Package:
     sets = [parameter_set(read_bytes(file, kind="SSV file"), str(file), str(file)) for file in files]
     if package.form == SINGLE_FORM:
         # for a single FMU, the component name may be omitted
-        component = package.structure.system.elements[0].name
+        before = f"{package.structure.system.elements[0].name}."
         sets = [
-            replace(one, parameters=tuple(_of_component(value, component) for value in one.parameters)) for one in sets
+            replace(
+                one, parameters=tuple(replace(v, name=before + v.name.removeprefix(before)) for v in one.parameters)
+            )
+            for one in sets
         ]
-    return _add_bindings(package, sets)
-
-
-def _of_component(value: ssp.ParameterValue, component: str) -> ssp.ParameterValue:
-    return value if value.name.startswith(f"{component}.") else replace(value, name=f"{component}.{value.name}")
-
-
-def _add_bindings(package: Package, sets: Iterable[ssp.ParameterSet]) -> Package:
     system = package.structure.system
     bindings = (*system.bindings, *(ssp.ParameterBinding(one) for one in sets))
     return replace(package, structure=replace(package.structure, system=replace(system, bindings=bindings)))

@@ -5,7 +5,6 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from twin.kernel.cosim.loop import DIFFERENCE_STEP, MAX_PASSES, MAX_RESIDUAL, MI
 from twin.kernel.cosim.port import Port, by_port, width
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.fmi.component import FmuComponent, open_instance
+from twin.kernel.fmi.component import FmuComponent, instance_class
 from twin.kernel.fmi.description import refuse_step
 from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.solvers import Solver
@@ -42,15 +41,6 @@ class PreparedSystem:
     loops: Sequence[AlgebraicLoop] = ()
     solved: bool = False
     forgiven: Sequence[str] = ()
-
-
-class InitialFmus(NamedTuple):
-    """Initialised FMUs of a system, as components; attributes as of `PreparedSystem`."""
-
-    plan: SystemPlan
-    components: dict[str, Component]
-    settled: bool
-    forgiven: list[str]
 
 
 def folders_of(plan: SystemPlan) -> dict[str, Path]:
@@ -94,10 +84,11 @@ def initialise_fmus(
     solved: Sequence["_SolvableLoop"] = (),
     outputs_at_start: Mapping[str, Mapping[str, float | np.ndarray]] = MappingProxyType({}),
     free: bool = False,
-) -> InitialFmus:
+) -> tuple[SystemPlan, dict[str, Component], bool, list[str]]:
     """Initialise the FMUs of a system together, and make components of them, which `made` closes.
 
-    Arguments are as of `couple_system` and, by component, `FmuComponent`. `given` are initial outputs of components
+    Return (plan, components, settled, forgiven) as of `PreparedSystem`. Arguments are as of `couple_system` and, by
+    component, `FmuComponent`. `given` are initial outputs of components
     that are not FMUs, `solved` loops whose initial values are solved for. `free`: unread outputs may be non-finite, and
     unreadable local variables are dropped.
     """
@@ -106,25 +97,24 @@ def initialise_fmus(
     instances: dict[str, Instance] = {}
     for part in plan.parts:
         folder, setup = folders[part.description.sha256], _setup(plan, part)
-        instances[part.name] = open_instance(part.path, part.description, folder, part.settings, (), setup)
+        kind = instance_class(part.description)
+        instances[part.name] = kind(part.path, part.description, folder, part.settings, (), setup)
         made.callback(instances[part.name].close)
     settled = _InitialValues(plan, instances, solved, given).settle()
     components: dict[str, Component] = {}
     for part in plan.parts:
         instance = instances[part.name]
-        parts.append(part)
         instance.begin()
         if free:
-            part = parts[-1] = _without_unreadable(part, instance, fed)
+            part = _without_unreadable(part, instance, fed)
+        parts.append(part)
         component = FmuComponent(
             part.name,
             part.description,
             instance.folder,
             part.inputs,
             part.outputs,
-            part.settings,
             outputs_at_start=outputs_at_start.get(part.name),
-            setup=instance.setup,
             instance=instance,
             solver=Solver(plan.choice.method),
             unread=[p.port.name for p in part.outputs if free and f"{part.name}.{p.port.name}" not in fed],
@@ -136,7 +126,7 @@ def initialise_fmus(
     forgiven = [f"{path} lacks {', '.join(missing)}" for path, missing in lacking.items() if missing]
     lost = [f"{old.path}.{port.variable.name}" for old, part in zip(plan.parts, parts, strict=True)
             for port in old.outputs if port not in part.outputs]  # fmt: skip
-    return InitialFmus(replace(plan, parts=tuple(parts), unreadable=tuple(lost)), components, settled, forgiven)
+    return replace(plan, parts=tuple(parts), unreadable=tuple(lost)), components, settled, forgiven
 
 
 def _without_unreadable(part: SystemPart, instance: Instance, fed: Collection[str]) -> SystemPart:
@@ -290,23 +280,22 @@ class _InitialValues:
             for source, target in plan.wires
             if source in ports and target in inputs and _is_readable(*ports[source], inputs[target][1])
         }
+        self._written = dict.fromkeys(map(id, instances.values()), 0)
+        """Number of inputs written per instance; its outputs change only if this number does."""
         for start, end in plan.wires:
             if start in given and end in inputs and np.all(np.isfinite(given[start])):
-                instance, into = inputs[end]
-                _write_port(instance, into, np.asarray(into.to_fmu(given[start]), dtype=float))
+                self._set_input(*inputs[end], inputs[end][1].to_fmu(given[start]))
         back = {wire for loop in solved for wire in loop.leading_back}
         self._back = [one for wire, one in led.items() if wire in back]
         self._led = [one for wire, one in led.items() if wire not in back]
         self._last: dict[int, bytes] = {}
-        self._written = dict.fromkeys(map(id, instances.values()), 0)
-        """Number of inputs written per instance; its outputs change only if this number does."""
         self._read: dict[int, int] = {}
 
     def settle(self) -> bool:
         """Propagate initial values between FMUs until all agree, and solve loops; return False if they do not."""
         if not self._back:
             return self._propagate()
-        z = np.concatenate([_read_port(source, output) for source, output, _, _ in self._back])
+        z = np.concatenate([source.read_floats([output.variable]) for source, output, _, _ in self._back])
         step, f = np.zeros_like(z), self._residual(z)
         scale = np.maximum(np.abs(z), MIN_SCALE)
         for _ in range(MAX_PASSES):
@@ -341,7 +330,7 @@ class _InitialValues:
             self._set_input(target, port, port.to_fmu(z[place : place + output.port.size]))
             place += output.port.size
         self._propagate()
-        return np.concatenate([_read_port(source, output) for source, output, _, _ in self._back]) - z
+        return np.concatenate([source.read_floats([output.variable]) for source, output, _, _ in self._back]) - z
 
     def _propagate(self) -> bool:
         """Propagate values from FMU outputs to inputs until nothing changes; return False if it does not converge."""
@@ -351,7 +340,7 @@ class _InitialValues:
                 if self._read.get(n) == self._written[id(source)]:
                     continue
                 self._read[n] = self._written[id(source)]
-                value = np.asarray(port.to_fmu(_read_port(source, output)), dtype=float)
+                value = np.asarray(port.to_fmu(source.read_floats([output.variable])), dtype=float)
                 if np.all(np.isfinite(value)) and self._last.get(n) != value.tobytes():
                     self._last[n], changed = value.tobytes(), True
                     self._set_input(target, port, value)
@@ -360,7 +349,16 @@ class _InitialValues:
         return False
 
     def _set_input(self, target: Instance, port: FmuPort, value: float | np.ndarray) -> None:
-        _write_port(target, port, np.asarray(value, dtype=float))
+        values = np.asarray(value, dtype=float)
+        for one in values:
+            if port.variable.range_error(one):
+                what = f"{port.variable.name}, {port.variable.range_phrase}"
+                raise ComponentFailed(f"{target.label} gets {one:.17g} for {what}, at the start")
+        try:
+            target.write([(port.variable, values if port.variable.size > 1 else float(values[0]))])
+        except ComponentFailed as failure:
+            text = str(failure).removeprefix(f"{target.label} ")
+            raise InputRefused(f"{target.description.path}: cannot be initialised: {text}") from None
         self._written[id(target)] += 1
 
 
@@ -377,19 +375,3 @@ def _start_signals(plan: SystemPlan) -> dict[str, np.ndarray]:
 def _is_readable(source: Instance, output: FmuPort, port: FmuPort) -> bool:
     """Whether a connection between FMUs can transfer values in initialisation mode; clocked variables cannot."""
     return source.description.version > 1 and not output.variable.clocks and not port.variable.clocks
-
-
-def _read_port(instance: Instance, port: FmuPort) -> np.ndarray:
-    return instance.read_floats([port.variable])
-
-
-def _write_port(instance: Instance, port: FmuPort, value: np.ndarray) -> None:
-    for one in value:
-        if port.variable.range_error(one):
-            what = f"{port.variable.name}, {port.variable.range_phrase}"
-            raise ComponentFailed(f"{instance.label} gets {one:.17g} for {what}, at the start")
-    try:
-        instance.write([(port.variable, value if port.variable.size > 1 else float(value[0]))])
-    except ComponentFailed as failure:
-        text = str(failure).removeprefix(f"{instance.label} ")
-        raise InputRefused(f"{instance.description.path}: cannot be initialised: {text}") from None

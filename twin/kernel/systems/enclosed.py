@@ -1,7 +1,6 @@
 """Enclosed systems: an SSP archive in the place of one FMU, with its connectors as variables."""
 
 import math
-import shutil
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -128,7 +127,8 @@ class EnclosedSystem:
         The run takes `ticks`, 0 if unknown. Inputs without a port keep their start values; else as `FmuComponent`.
         """
         when = timing_inside(self.plan.package, self._flat, self.descriptions, tick, every, ticks)
-        fed = {_wire(self, port.variable.name): (f"in{n}", port) for n, port in enumerate(inputs)}
+        names = list(self.variables)
+        fed = {f"{INLET_NAME}.{names.index(p.variable.name)}": (f"in{n}", p) for n, p in enumerate(inputs)}
         read = [(f"out{n}", port, *self._exits[port.variable.name]) for n, port in enumerate(outputs)]
         outside = (f"{INLET_NAME}.", f"{OUTLET_NAME}.")
         wires = [
@@ -139,19 +139,21 @@ class EnclosedSystem:
         parts = tuple(self._part(part, fed, read, wires) for part in self.plan.parts)
         plan = replace(self.plan, parts=parts, wires=tuple(wires), timing=when)
         refuse_steps(plan, "the step of the archive or of the experiment")
-        given = {f"{INLET_NAME}.{entry}": _values(inputs_at_start.get(port.port.name, 0.0), port)
-                 for entry, port in fed.values()}  # fmt: skip
-        names = {part.path: part.name for part in parts}
+        given = {
+            f"{INLET_NAME}.{entry}": np.broadcast_to(inputs_at_start.get(port.port.name, 0.0), port.port.size)
+            for entry, port in fed.values()
+        }
+        owners = {part.path: part.name for part in parts}
         starts: dict[str, dict[str, Start]] = {}
         for own, port, begin, _ in read:
             if port.port.name in outputs_at_start:
-                starts.setdefault(names[begin.element], {})[own] = outputs_at_start[port.port.name]
+                starts.setdefault(owners[begin.element], {})[own] = outputs_at_start[port.port.name]
         with ExitStack() as made:
-            inside = initialise_fmus(plan, self._folders, made, given, outputs_at_start=starts).components
+            _, inside, *_ = initialise_fmus(plan, self._folders, made, given, outputs_at_start=starts)
             component = EnclosedComponent(
                 name,
                 tuple(replace(port.port, name=entry) for entry, port in fed.values()),
-                [(port.port, f"{names[end.element]}.{own}") for own, port, end, _ in read],
+                [(port.port, f"{owners[end.element]}.{own}") for own, port, end, _ in read],
                 list(inside.values()),
                 wires,
                 tick,
@@ -193,14 +195,6 @@ class EnclosedSystem:
         return replace(part, inputs=tuple(inputs), outputs=tuple(outputs), recorded=len(outputs))
 
 
-def _wire(system: EnclosedSystem, name: str) -> str:
-    return f"{INLET_NAME}.{list(system.variables).index(name)}"
-
-
-def _values(start: Start, port: FmuPort) -> np.ndarray:
-    return np.full(port.port.size, start) if np.ndim(start) == 0 else np.asarray(start)
-
-
 def enclose_system(file: Path, table: str, values: Mapping[str, Value], named: Collection[str]) -> EnclosedSystem:
     """Read an SSP archive as a system that replaces an FMU, named in the experiment's `table`.
 
@@ -210,16 +204,13 @@ def enclose_system(file: Path, table: str, values: Mapping[str, Value], named: C
     package = read_package(file)
     flat = flatten(package.structure, f"{file}")
     with scratch_folder(package) as scratch:
-        try:
-            files, names = extract_fmus(package, flat, Path(scratch))
-            flat = _with_values(flat, names, table, values)
-            face = _OuterVariables(package, flat, names, values, named)
-            place = Component(INLET_NAME, (), (), True, 0, 0, np.zeros(0))
-            beside = SystemExtras((place,), tuple(face.feeds()), tuple(face.drains()))
-            plan = plan_system(package, flat, files, MasterChoice(), beside, when=_NO_TIMING)
-            folders = folders_of(plan)
-        finally:
-            shutil.rmtree(scratch, ignore_errors=True)
+        files, names = extract_fmus(package, flat, Path(scratch))
+        flat = _with_values(flat, names, table, values)
+        face = _OuterVariables(package, flat, names, values, named)
+        place = Component(INLET_NAME, (), (), True, 0, 0, np.zeros(0))
+        beside = SystemExtras((place,), tuple(face.feeds()), tuple(face.drains()))
+        plan = plan_system(package, flat, files, MasterChoice(), beside, when=_NO_TIMING)
+        folders = folders_of(plan)
     # paths inside the archive, as the extracted files are deleted
     parts = tuple(
         replace(part, description=replace(part.description, path=file / part.description.path.relative_to(scratch)))

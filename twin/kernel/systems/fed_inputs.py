@@ -148,17 +148,11 @@ def _refuse_broken(names: SystemNames, place: ssp.Endpoint, samples: SampledSign
             raise InputRefused(
                 f"{where}: {bad:g} for {variable.name}, which is {variable.type}; expected whole numbers"
             )
-        _refuse_unfit(variable, samples.values, where)
-
-
-def _refuse_unfit(variable: Variable, values: np.ndarray, where: str) -> None:
-    """Refuse signal values outside the range of the type of `variable`, or possibly rounded when they were read."""
-    for value in map(float, (np.nanmin(values), np.nanmax(values))):
-        # a larger integer may have been rounded to MAX_EXACT when it was read
-        if why := variable.range_error(
-            value if abs(value) != MAX_EXACT or variable.type in ssp.REAL_TYPES else 2.0 * value
-        ):
-            raise InputRefused(f"{where}: {why}")
+        for value in map(float, (np.nanmin(samples.values), np.nanmax(samples.values))):
+            # a larger integer may have been rounded to MAX_EXACT when it was read
+            rounded = abs(value) == MAX_EXACT and variable.type not in ssp.REAL_TYPES
+            if why := variable.range_error(2.0 * value if rounded else value):
+                raise InputRefused(f"{where}: {why}")
 
 
 def _series(file: Path, column: str, name: str, where: str, held: bool) -> tuple[SampledSignal, str]:
@@ -219,14 +213,13 @@ def _sha256(file: Path) -> str:
     return sha256(file) if file.is_file() else "of a folder"
 
 
-def is_table(component: ssp.SspComponent) -> bool:
-    """Whether an SSP component is a table of values over time, as in OMSimulator."""
-    return component.type == ssp.TABLE_TYPE or (component.type == "" and component.source.lower().endswith(".csv"))
-
-
 def table_extras(package: Package, flat: FlatSystem) -> tuple[FlatSystem, SystemExtras]:
     """Replace components that are tables over time; return (system without them, signal components and wires)."""
-    tables = {path: one for path, one in flat.components.items() if is_table(one)}
+    tables = {
+        path: one
+        for path, one in flat.components.items()
+        if one.type == ssp.TABLE_TYPE or (one.type == "" and one.source.lower().endswith(".csv"))
+    }
     if not tables:
         return flat, SystemExtras()
     components, feeds, about = [], [], {}

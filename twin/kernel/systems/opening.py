@@ -35,12 +35,10 @@ def open_system(
     `compiled`: whether FMUs without a binary for this platform are built from source.
     """
     with scratch_folder(package) as scratch:
-        try:
-            plan = _make_plan(package, Path(scratch), choice, compiled, additions, beside)
-            folders = folders_of(plan)
-        finally:
-            # deleted before any binary is loaded, as a crash would leave the folder behind
-            shutil.rmtree(scratch, ignore_errors=True)
+        plan = _make_plan(package, Path(scratch), choice, compiled, additions, beside)
+        folders = folders_of(plan)
+        # deleted before any binary is loaded, as a crash would leave the folder behind
+        shutil.rmtree(scratch, ignore_errors=True)
         with couple_system(plan, folders) as made:
             yield made.plan, made
 
@@ -49,10 +47,7 @@ def open_system(
 def open_plan(package: Package, choice: MasterChoice, compiled: bool, additions: Additions) -> Iterator[SystemPlan]:
     """Yield the plan of a package's system while its extracted FMUs exist; arguments and errors as in `open_system`."""
     with scratch_folder(package) as scratch:
-        try:
-            yield _make_plan(package, Path(scratch), choice, compiled, additions, SystemExtras())
-        finally:
-            shutil.rmtree(scratch, ignore_errors=True)
+        yield _make_plan(package, Path(scratch), choice, compiled, additions, SystemExtras())
 
 
 def _make_plan(
@@ -92,7 +87,7 @@ def extract_fmus(
 
 @contextmanager
 def scratch_folder(package: Package) -> Iterator[str]:
-    """Create a temporary folder for extracted files; in error messages, replace its path by the package's path."""
+    """Create a temporary folder for extracted files, deleted after the block; errors show the package's path."""
     scratch = tempfile.mkdtemp()
     try:
         yield scratch
@@ -103,3 +98,5 @@ def scratch_folder(package: Package) -> Iterator[str]:
             text = text.replace(f"{scratch}/{entry}", str(path))
         error.args = (text.replace(f"{scratch}/", f"{package.file}: "),)
         raise
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)

@@ -7,7 +7,6 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -18,7 +17,6 @@ from twin.kernel.cosim.port import port_slices
 from twin.kernel.cosim.python_class import PythonComponent, PythonModel
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import SavedState, SystemState
-from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import described
@@ -228,8 +226,10 @@ class Cosimulation:
         InputRefused if a pattern matches no output.
         """
         _, made, _ = self._running_parts()
-        known = {name: place for component in made.system.components
-                 for name, place in _columns(made.system, component)}  # fmt: skip
+        outputs = [
+            f"{component.name}.{port.name}" for component in made.system.components for port in component.outputs
+        ]
+        known = {name: made.system.columns(name) for name in outputs}
         names: dict[str, None] = {}
         for pattern in patterns or ("*",):
             found = match_names(pattern, known)
@@ -267,9 +267,7 @@ class Cosimulation:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *problem: object) -> None:
         self.close()
 
     def _advance(self, ticks: int) -> None:
@@ -391,11 +389,3 @@ class Cosimulation:
     def _refuse_running(self, what: str) -> None:
         if self._running is not None:
             raise InputRefused(f"the system runs already; give it its {what} before the first step")
-
-
-def _columns(system: System, component: Component) -> list[tuple[str, slice]]:
-    begin = int(system.y_start[system.components.index(component)])
-    return [
-        (f"{component.name}.{name}", slice(begin + place.start, begin + place.stop))
-        for name, place in port_slices(component.outputs).items()
-    ]

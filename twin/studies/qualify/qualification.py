@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from twin.kernel.errors import ComponentFailed, TwinError
-from twin.kernel.fmi.component import defer_release, mark_stateless, open_instance
+from twin.kernel.fmi.component import defer_release, instance_class, mark_stateless
 from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.variable import Setting, Setup, Variable
@@ -80,7 +80,7 @@ def _bookkeeping_check(name: str, plan: DrivePlan) -> Check:
     problems, found = [], dict[str, str]()
     for part, description in plan.parts.items():
         inputs, outputs = _excitation(plan, part), _readable_outputs(plan, part, description)
-        instance = open_instance(
+        instance = instance_class(description)(
             part or "drive", description, plan.folder(part), plan.settings[part], inputs, CHECK_SETUP
         )
         try:
@@ -155,7 +155,9 @@ def continue_from_state(
     plan = plan_drive(table)
     description = plan.parts[part]
     inputs, outputs = _excitation(plan, part), _readable_outputs(plan, part, description)
-    instance = open_instance(part or "drive", description, plan.folder(part), plan.settings[part], inputs, CHECK_SETUP)
+    instance = instance_class(description)(
+        part or "drive", description, plan.folder(part), plan.settings[part], inputs, CHECK_SETUP
+    )
     try:
         state = instance.deserialize_state(content)
         instance.restore_state(state)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.delay import columns, play
+from twin.kernel.cosim.delay import play, values_by_port
 from twin.kernel.cosim.port import by_port, width
 from twin.kernel.errors import ComponentFailed
 from twin.robot.assembly.build import belief, planned_drives, plant_parameters
@@ -64,4 +64,4 @@ def filter_outputs(shadow: Shadow, samples: RobotSamples) -> Columns:
     rows, status = play(shadow, samples.t, np.where(np.isfinite(h), h, 1e9), samples.u)
     if status:
         raise ComponentFailed(f"shadow {shadow.explain(status)}, t = {samples.t[len(rows)]:.3f} s")
-    return columns(shadow, rows)
+    return values_by_port(shadow.outputs, rows)

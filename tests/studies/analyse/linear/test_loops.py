@@ -91,7 +91,7 @@ def test_a_turning_jacobian_turns_the_steady_command():
 
 
 def test_motors_give_way_to_a_step_of_torque_and_forget_it():
-    damping = Damping.from_si(gain=10.0, corner=4.0)
+    damping = Damping.model_construct(gain=10.0, corner=4.0)
     linear = law(np.zeros(3), damping)
     angles = np.zeros(6)
     angles[0] = 1e-3
