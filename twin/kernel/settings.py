@@ -196,10 +196,7 @@ class Values(tuple[Any, ...]):
     broken_by: ClassVar[dict[str, str]]
 
     def __init_subclass__(cls, parts: Iterable[Fields] = (), first: str = "") -> None:
-        """Declare the fields of the record, the fields of all `parts` in order.
-
-        Fields of `first` are at the beginning of the memory, in this order.
-        """
+        """Declare the fields of all `parts` as fields of the record, in order; fields named in `first` come first."""
         named = {name: field for part in parts for name, field in part.items()}
         fields = {name: named[name] for name in first.split()} | named
         cls._fields = tuple(fields)

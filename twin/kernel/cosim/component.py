@@ -31,9 +31,8 @@ def step_function(
 
     `m` is the component's memory, a record of dtype `memory`. `u` and `y` are records with a field for each port: a
     step reads `u.force[2]` and writes `y.speed`, and a wrong name does not compile. Without ports, or if they are known
-    only at its creation, `u` or `y` is a pointer to doubles, which `carray` converts to an array. The machine code is
-    stored on disk. Division by zero gives NaN or infinity; functions that `f` calls need `error_model="numpy"` for
-    that.
+    only at its creation, `u` or `y` is a pointer to doubles, which `carray` converts to an array. Division by zero
+    gives NaN or infinity; functions that `f` calls need `error_model="numpy"` for that.
     """
     u, y = (port_record(ports) if ports else "doubles" for ports in (inputs, outputs))
     takes: tuple[Kind, ...] = (memory, "double", "double", u, y)

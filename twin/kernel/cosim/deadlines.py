@@ -52,10 +52,7 @@ _deadlines_at, _times_at = pointer_to(DEADLINE_RECORD), pointer_to(np.int64)
 
 @cache
 def clock_functions() -> tuple[Any, ...]:
-    """Return the C functions clock_gettime and clock_nanosleep, and the identifier of the monotonic clock.
-
-    On systems without them, replacements that call Python's clock.
-    """
+    """Return C's clock_gettime and clock_nanosleep, or replacements in Python, and the monotonic clock's number."""
     library = ctypes.CDLL(None)
     if hasattr(library, "clock_nanosleep"):
         return library.clock_gettime, library.clock_nanosleep, time.CLOCK_MONOTONIC

@@ -19,8 +19,7 @@ from twin.kernel.errors import InputRefused, nearest
 MAX_LENGTH = 1000
 """Maximum length of an expression (characters)."""
 TIME_TOLERANCE = 1e-9
-"""Tolerance of times (s, and relative): t is a rounded multiple of the tick, and an event at 0.3 s shall take effect at
-the nearest tick."""
+"""Tolerance of times (s, and relative): t is a rounded multiple of the tick, and events take effect at the nearest."""
 (
     OP_NUMBER,
     OP_TIME,

@@ -16,8 +16,7 @@ Inputs = Literal["hold", "linear"]
 Scheme = Literal["gauss_seidel", "jacobi"]
 
 VALID_WEIGHTS, NEWEST_WEIGHTS, PREVIOUS_WEIGHTS = np.eye(3)
-"""Unit weights of the output valid at the start of the step, the newest result, and the output valid one step
-before."""
+"""Unit weights of the output valid at the step's start, the newest result, and the output valid one step before."""
 
 
 def input_weights(port: Port, seen: bool, inputs: Inputs) -> np.ndarray:

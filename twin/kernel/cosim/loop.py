@@ -287,8 +287,7 @@ class LoopComponent(Composite):
     """A component that solves an algebraic loop: its members, stepped as one continuous component.
 
     Members are continuous, of period 1, in the order of a pass. Wires join whole ports as in `System`, one for every
-    input of a member, and refer to the loop's own inputs as "given.<port>". `cure` has alternatives, for messages, if
-    it does not converge.
+    input of a member, and refer to the loop's own inputs as "given.<port>". `cure` has alternatives, for messages.
     """
 
     INPUT_OWNER = "given"

@@ -108,10 +108,7 @@ class StateField:
         return memory
 
     def limit(self, memory: np.ndarray) -> np.ndarray:
-        """Return the exclusive upper bound of this index, read from the field of `memory` that `below` names.
-
-        Only for fields with a `below`. Used to reject a restored state whose index is out of range.
-        """
+        """Return the exclusive upper bound of this index, read from the field of `memory` that `below` names."""
         path = (self.below[1:],) if self.below.startswith("/") else (*self.path[:-1], self.below)
         return StateField(path, "").view_in(memory)
 

@@ -49,8 +49,7 @@ def _not_finite(system: System, y: np.ndarray, culprit: int) -> str:
 class SimulationMemory:
     """Memory of a simulation that a supervising process can read while a step runs.
 
-    `mark` is (2,) int64: tick and component being stepped, NO_COMPONENT between slices; `u` (inputs_width,) last
-    inputs.
+    `mark` (2,) int64: tick and component being stepped, NO_COMPONENT between slices; `u` (inputs_width,): last inputs.
     """
 
     mark: np.ndarray

@@ -12,8 +12,7 @@ from twin.kernel.cosim.expression import Expression, evaluate, has_begun
 from twin.kernel.cosim.port import Port, record
 
 CHANNEL_RECORD = record(kind="i8", first="i8", second="i8", size="i8", stack="i8")
-"""Memory of an output: addresses of operations, numbers and stack of an expression, or times and values of samples,
-and their count."""
+"""Memory of an output: addresses of an expression's operations, numbers and stack, or of samples (t, values); count."""
 SOURCE_MEMORY = record(channels="i8", width="i8")
 EXPRESSION_CHANNEL, LINES_CHANNEL, HOLD_CHANNEL = range(3)
 _channels_at = pointer_to(CHANNEL_RECORD)
@@ -24,8 +23,7 @@ Between = Literal["lines", "held"]
 class SampledSignal:
     """A signal given by samples (n,) at non-decreasing times (s); it jumps where a time occurs twice.
 
-    Between them it is interpolated linearly ("lines"), or each value is "held" until the next. The first and last value
-    extend beyond the samples.
+    Between samples it is linear ("lines"), or "held" until the next; the first and last value extend beyond them.
     """
 
     t: np.ndarray

@@ -56,8 +56,7 @@ class Subsystem(Composite):
     """A component whose step is `substeps` ticks (of `tick` s) of an inner system.
 
     Inner wires refer to the ports `inputs` as "inlet.<port>". `outputs` are (port, "component.port" of the inner
-    system), which `outlets` has by name. If sampled, it is evaluated at t_k, and its outputs are meaningless before the
-    first evaluation.
+    system), which `outlets` has by name. If sampled, it is evaluated at t_k, and earlier outputs are meaningless.
     """
 
     def __init__(

@@ -261,8 +261,7 @@ class FmuComponent(Component):
         if not self.instance.description.interface.canGetAndSetFMUstate:
             return None
         if self._rewind is None:
-            save, restore, memory = self._stepping.make_rewind()
-            self._rewind = Rewind(save, restore, memory.ctypes.data, memory)
+            self._rewind = self._stepping.make_rewind()
         return self._rewind
 
     def pieces(self) -> dict[str, np.ndarray]:

@@ -255,10 +255,7 @@ def due_step(address, t, h):
 
 @njit(cache=True)
 def fill_discrete_inputs(address, u):
-    """Convert the FMU's discrete inputs at address `u` into their buffers.
-
-    Return (whether an unclocked input differs from the last value set, 0 or `INPUT_OUT_OF_RANGE`).
-    """
+    """Convert the FMU's discrete inputs at address `u`; return (whether an unclocked one changed, failure status)."""
     e = carray(_events_at(address), 1)[0]
     table = carray(groups.groups_at(e.discrete_groups), e.discrete)
     changed = False
@@ -280,9 +277,9 @@ def _set_discrete(e, active):
     for i in range(e.discrete):
         g = table[i]
         if g.clocks == 0 or g.clocks & active:
-            status = groups.access(3, e.instance, g)
-            if status > 1:
-                return groups.note_variable(g, groups.SET_FAILED + status)
+            status = groups.access(3, e.instance, g, groups.SET_FAILED)
+            if status != 0:
+                return status
             copy(g.last, g.buffer, g.bytes)
     return 0
 
@@ -327,18 +324,15 @@ def _read_clocked_outputs(e, active):
     table = carray(groups.groups_at(e.held_groups), e.held)
     for i in range(e.held):
         if table[i].clocks & active:
-            status = groups.access(3, e.instance, table[i])
-            if status > 1:
-                return groups.note_variable(table[i], groups.GET_FAILED + status)
+            status = groups.access(3, e.instance, table[i], groups.GET_FAILED)
+            if status != 0:
+                return status
     return 0
 
 
 @njit(cache=True, error_model="numpy")
 def _plan_clocks(e, clocks, ticked, n, t):
-    """Plan the ticks of an FMU's clocks at time `t`, the beginning of step `n`; return 0 or a failure status.
-
-    `ticked` is a bit mask of the clocks.
-    """
+    """Plan the next ticks of an FMU's clocks at time `t`, where step `n` begins; return 0 or a failure status."""
     answer = carray(_words_at(e.returned + _ANSWER_OFFSET), 1)
     interval = carray(doubles_at(e.returned + _VALUE_OFFSET), 1)
     for c in range(e.clocks):
@@ -397,9 +391,8 @@ def update_discrete_states(address, active, n, t):
     ticked = active
     for _ in range(groups.MAX_UPDATES):
         raised, status = _active_output_clocks(e, clocks)
-        if status != 0:
-            return status
-        status = _read_clocked_outputs(e, active | raised)
+        if status == 0:
+            status = _read_clocked_outputs(e, active | raised)
         if status != 0:
             return status
         for i in range(8, 13):

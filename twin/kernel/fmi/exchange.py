@@ -297,20 +297,18 @@ class ModelExchange(Instance):
         if count == 0:
             return np.zeros(0)
         values = np.full(count + solvers.GUARD_SIZE, solvers.GUARD_VALUE)
-        function = f"fmi{self.description.version}Get{name}"
+        path, function = self.description.path, f"fmi{self.description.version}Get{name}"
         try:
             with self.calling(f"Get{name}"):
                 pointer = values.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
                 getattr(self.fmu, f"get{name}")(pointer, count)
         # FMICallException of FMPy
         except Exception as problem:
-            raise InputRefused(
-                f"{self.description.path}: {function} failed: {problem}{self._quoted_messages()}"
-            ) from None
+            raise InputRefused(f"{path}: {function} failed: {problem}{self._quoted_messages()}") from None
         if np.any(values[count:] != solvers.GUARD_VALUE) or np.any(values[:count] == solvers.GUARD_VALUE):
             other = "more" if np.any(values[count:] != solvers.GUARD_VALUE) else "fewer"
             raise InputRefused(
-                f"{self.description.path}: {function} writes {other} numbers than the {count} that "
+                f"{path}: {function} writes {other} numbers than the {count} that "
                 "modelDescription.xml lists; export it again"
             )
         return values[:count]

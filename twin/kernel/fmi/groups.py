@@ -134,8 +134,7 @@ def _wide_status(builder, returned):
 def fmi_function(*kinds: str) -> Any:
     """Create a function for compiled code that calls the FMI function at an address, see `c_function`.
 
-    It returns the statuses 0 .. 5 unchanged, any other value as `INVALID_STATUS` plus the unsigned status shifted left
-    by `STATUS_WIDTH` bits.
+    It returns statuses 0 .. 5 unchanged, others as `INVALID_STATUS` + (unsigned status shifted by `STATUS_WIDTH` bits).
     """
     return c_function("int", *kinds, convert=_wide_status)
 
@@ -278,11 +277,18 @@ def _load(kind, buffer, j):
 
 
 @njit(cache=True, inline="always")
-def access(version, instance, g):
-    """Set or get a group of FMU variables with one call of its FMI function; return the status."""
+def access(version, instance, g, base):
+    """Set or get a group of FMU variables with one call of its FMI function; return 0 or a failure status with `base`.
+
+    After a failure the group's first variable is noted for the error message.
+    """
     if version < 3:
-        return access_2(g.access, (instance, g.references, g.variables, g.buffer))
-    return access_3(g.access, (instance, g.references, g.variables, g.buffer, g.values))
+        status = access_2(g.access, (instance, g.references, g.variables, g.buffer))
+    else:
+        status = access_3(g.access, (instance, g.references, g.variables, g.buffer, g.values))
+    if status > 1:
+        carray(note_at(g.note), 1)[0].slot = carray(_u64(g.slots), 1)[0]
+    return failure(base, status)
 
 
 @njit(cache=True, inline="always")
@@ -319,24 +325,16 @@ def drain(g, y):
     return 0
 
 
-@njit(cache=True)
-def note_variable(g, status):
-    """Note the group's first variable for the error message of a failed call, and return `status`."""
-    carray(note_at(g.note), 1)[0].slot = carray(_u64(g.slots), 1)[0]
-    return status
-
-
 @njit(cache=True, inline="always")
 def set_all(version, instance, groups, count, u):
     """Set the FMU's inputs in `count` groups from address `u`; return 0 or the first failure status."""
     table = carray(groups_at(groups), count)
     for i in range(count):
         status = fill(table[i], u)
+        if status == 0:
+            status = access(version, instance, table[i], SET_FAILED)
         if status != 0:
             return status
-        status = access(version, instance, table[i])
-        if status > 1:
-            return note_variable(table[i], SET_FAILED + status)
     return 0
 
 
@@ -345,10 +343,9 @@ def get_all(version, instance, groups, count, y):
     """Get the FMU's outputs in `count` groups to address `y`; return 0 or the first failure status."""
     table = carray(groups_at(groups), count)
     for i in range(count):
-        status = access(version, instance, table[i])
-        if status > 1:
-            return note_variable(table[i], GET_FAILED + status)
-        status = drain(table[i], y)
+        status = access(version, instance, table[i], GET_FAILED)
+        if status == 0:
+            status = drain(table[i], y)
         if status != 0:
             return status
     return 0

@@ -1,8 +1,7 @@
 """Life cycle of an FMU per FMI version: load, instantiate, initialise, enter step mode.
 
-FMI 1.0 for Co-Simulation, 4.1; FMI 2.0.4, 4.2; FMI 3.0.2, 2.3 and 4.2. The signatures that FMPy determines for the
-functions of an FMU are cached, as they are equal for all FMUs of a kind. Input clocks (FMI 3.0, 2.2.8) tick at whole
-steps of the FMU.
+FMI 1.0 for Co-Simulation, 4.1; FMI 2.0.4, 4.2; FMI 3.0.2, 2.3 and 4.2. The function signatures that FMPy determines
+are cached, as they are equal for all FMUs of a kind. Input clocks (FMI 3.0, 2.2.8) tick at whole steps of the FMU.
 """
 
 import math

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from twin.kernel.cosim.component import piece_table
+from twin.kernel.cosim.component import Rewind, piece_table
 from twin.kernel.cosim.port import Port, state_fields
 from twin.kernel.fmi import cosim_step, groups
 from twin.kernel.fmi.cosim_step import DISCARD_RECORD
@@ -116,18 +116,13 @@ class Stepping:
                 variable = self._port_at(ports, int(note["slot"]))[0].variable
                 functions[base] = f"{verb}{instance.standard.type_name(variable)}"
         holder = self.memory if "value" in (self.memory.dtype.names or ()) else self._shorter
-        value, clock = float(holder[0]["value"]), 0
+        value, clock = float(holder[0]["value"]), instance.clock_name(0)
         events = (groups.ENDLESS_UPDATES, groups.EVENT_IN_PAST, groups.INVALID_INTERVAL)
         if instance.events is not None and (status in events or status // 16 * 16 == groups.INTERVAL_FAILED):
-            value, clock = float(instance.events[0]["value"]), int(instance.events[0]["culprit"])
+            e = instance.events[0]
+            value, clock = float(e["value"]), instance.clock_name(int(e["culprit"]))
         sentence = groups.explain_status(
-            status,
-            instance.description.prefix,
-            functions,
-            value,
-            instance.clock_name(clock),
-            message,
-            instance.invalid_status,
+            status, instance.description.prefix, functions, value, clock, message, instance.invalid_status
         )
         if status == groups.DO_STEP_FAILED + 2:
             varies = instance.description.model.coSimulation.canHandleVariableCommunicationStepSize
@@ -147,8 +142,8 @@ class Stepping:
         s = self._shorter[0]
         return float(s["since"]) if s["discarded"] else None
 
-    def make_rewind(self) -> tuple[int, int, np.ndarray]:
-        """Make functions to repeat steps of the FMU; return (address of save, address of restore, their memory)."""
+    def make_rewind(self) -> Rewind:
+        """Make the functions that save and restore the FMU's state to repeat a step."""
         self.allow_repeats()
         memory = np.zeros(1, dtype=cosim_step.STATE_MEMORY)
         m = memory[0]
@@ -160,7 +155,7 @@ class Stepping:
         table = piece_table(moving, copies.ctypes.data)
         m["pieces"], m["piece_table"] = len(table), table.ctypes.data
         self._keep += [table, copies]
-        return cosim_step.save.address, cosim_step.restore.address, memory
+        return Rewind(cosim_step.save.address, cosim_step.restore.address, memory.ctypes.data, memory)
 
     def allow_repeats(self) -> None:
         """Announce to the FMU that steps may be repeated from a saved state (not in FMI 1.0, whose flag differs)."""

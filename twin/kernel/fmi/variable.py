@@ -302,10 +302,7 @@ def setting_value(file: Path, variable: Variable, value: Value) -> float | np.nd
     if len(given) not in (1, variable.size):
         raise InputRefused(f"{where}: {len(given)} values; expected {variable.size}, or one for all of them")
     if variable.is_text:
-        texts = [_text(where, text) for text in given] * (variable.size // len(given))
-        if variable.type == "String":
-            return [_path(where, text) for text in texts]
-        return [_bytes(where, text) for text in texts]
+        return [_text(where, variable.type, text) for text in given] * (variable.size // len(given))
     numbers = [_number(where, variable, number) for number in given]
     return numbers[0] if len(numbers) == 1 else np.array(numbers)
 
@@ -321,25 +318,18 @@ def _number(where: str, variable: Variable, value: float | str) -> float:
     return float(value)
 
 
-def _text(where: str, value: object) -> str:
+def _text(where: str, type_name: str, value: object) -> Any:
+    """Check the value of a String or Binary: text, or the path or content of the file that it names."""
     if not isinstance(value, str):
         raise InputRefused(f'{where} = {value}: expected text, or "{FILE_PREFIX}NAME" for a file')
-    return value
-
-
-def _path(where: str, text: str) -> str:
-    if not text.startswith(FILE_PREFIX):
-        return text
-    path = FilePath(text.removeprefix(FILE_PREFIX))
+    path = FilePath(value.removeprefix(FILE_PREFIX))
+    if path == value:
+        return value if type_name == "String" else value.encode()
+    if type_name == "Binary":
+        return read_bytes(Path(path), MAX_BINARY_SIZE)
     if not os.path.isfile(path):
         raise InputRefused(f"{where}: {path}: no such file")
     return path
-
-
-def _bytes(where: str, text: str) -> bytes:
-    if not text.startswith(FILE_PREFIX):
-        return text.encode()
-    return read_bytes(Path(text.removeprefix(FILE_PREFIX)), MAX_BINARY_SIZE)
 
 
 def given_values(value: ParameterValue, where: str) -> list[float] | list[str]:

@@ -90,7 +90,10 @@ class SystemNames:
             return ssp.Endpoint(path, variable)
         where = f"{option} {name}: {self.package.file.name}"
         if path:
-            raise InputRefused(f"{where}: {path} has no variable '{variable}'; {self._hint(variable, path)}")
+            description = self.description(path)
+            known = [v.name for v in (*description.parameters, *description.variables_of("input"))]
+            hint = "it can be set: {}" if len(known) < 20 else "see twin drive info for its names"
+            raise InputRefused(f"{where}: {path} has no variable '{variable}'; {nearest(variable, known, hint)}")
         raise InputRefused(f"{where} has no component of this name; {nearest(name.partition('.')[0], self._files)}")
 
     def variable(self, end: ssp.Endpoint) -> Variable:
@@ -105,11 +108,6 @@ class SystemNames:
                 yield f"{path}.{variable.name}", ssp.Endpoint(path, variable.name)
                 if self.alone:
                     yield variable.name, ssp.Endpoint(path, variable.name)
-
-    def _hint(self, variable: str, path: str) -> str:
-        description = self.description(path)
-        known = [v.name for v in (*description.parameters, *description.variables_of("input"))]
-        return nearest(variable, known, "it can be set: {}" if len(known) < 20 else "see twin drive info for its names")
 
 
 def with_settings(flat: FlatSystem, names: SystemNames, settings: Sequence[str]) -> FlatSystem:

@@ -254,10 +254,7 @@ def _can_repeat_step(part: SystemPart) -> bool:
 
 
 class _InitialValues:
-    """Propagator of initial values from FMU outputs to inputs, in initialisation mode.
-
-    `given` are the initial outputs of components that are not FMUs.
-    """
+    """Propagator of initial values, FMU outputs and `given` ones, to FMU inputs in initialisation mode."""
 
     def __init__(
         self,
@@ -267,14 +264,14 @@ class _InitialValues:
         given: Mapping[str, np.ndarray],
     ):
         self._plan, self._solved = plan, solved
-        ports = {
-            f"{part.name}.{port.port.name}": (instances[part.name], port)
-            for part in plan.parts
-            for port in part.outputs
-        }
-        inputs = {
-            f"{part.name}.{port.port.name}": (instances[part.name], port) for part in plan.parts for port in part.inputs
-        }
+        ports, inputs = (
+            {
+                f"{part.name}.{port.port.name}": (instances[part.name], port)
+                for part in plan.parts
+                for port in getattr(part, side)
+            }
+            for side in ("outputs", "inputs")
+        )
         led = {
             (source, target): (*ports[source], *inputs[target])
             for source, target in plan.wires

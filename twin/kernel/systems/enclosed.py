@@ -205,7 +205,10 @@ def enclose_system(file: Path, table: str, values: Mapping[str, Value], named: C
     flat = flatten(package.structure, f"{file}")
     with scratch_folder(package) as scratch:
         files, names = extract_fmus(package, flat, Path(scratch))
-        flat = _with_values(flat, names, table, values)
+        try:
+            flat = with_settings(flat, names, [f"{name}={setting_text(value)}" for name, value in values.items()])
+        except InputRefused as refusal:
+            raise InputRefused(str(refusal).replace("--set ", f"[{table}.parameters] ")) from None
         face = _OuterVariables(package, flat, names, values, named)
         place = Component(INLET_NAME, (), (), True, 0, 0, np.zeros(0))
         beside = SystemExtras((place,), tuple(face.feeds()), tuple(face.drains()))
@@ -221,13 +224,6 @@ def enclose_system(file: Path, table: str, values: Mapping[str, Value], named: C
         file, package.sha256, package.structure.version, system, face.variables, replace(plan, parts=parts),
         flat, face.exits, folders,
     )  # fmt: skip
-
-
-def _with_values(flat: FlatSystem, names: SystemNames, table: str, values: Mapping[str, Value]) -> FlatSystem:
-    try:
-        return with_settings(flat, names, [f"{name}={setting_text(value)}" for name, value in values.items()])
-    except InputRefused as refusal:
-        raise InputRefused(str(refusal).replace("--set ", f"[{table}.parameters] ")) from None
 
 
 class _OuterVariables:

@@ -69,10 +69,7 @@ def _make_plan(
 def extract_fmus(
     package: Package, flat: FlatSystem, scratch: Path, compiled: bool = False
 ) -> tuple[dict[str, Path], SystemNames]:
-    """Extract a package's FMUs to the folder `scratch`; return (FMU files by entry, names of the system).
-
-    `compiled` is as of `open_system`.
-    """
+    """Extract a package's FMUs to the folder `scratch`; return (FMU files by entry, names of the system)."""
     files: dict[str, Path] = {}
     entries = fmu_sources(package, flat)
     for entry in entries.values():

@@ -10,15 +10,7 @@ from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.fmi.description import KIND_NAMES, NEEDS_TOOL, FmuDescription, Kind, described
 from twin.kernel.fmi.stepping import FmuPort
-from twin.kernel.fmi.variable import (
-    Setting,
-    Value,
-    Variable,
-    conversion,
-    given_values,
-    parse_number,
-    setting_value,
-)
+from twin.kernel.fmi.variable import Setting, Value, Variable, conversion, given_values, parse_number, setting_value
 from twin.kernel.recording.writer import EVENTS_TOPIC
 from twin.kernel.ssp.flat import AssignedValue, FlatSystem, Lead, UnitStep
 from twin.kernel.ssp.package import Package

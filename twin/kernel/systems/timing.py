@@ -63,10 +63,7 @@ def timing(
         end, stop_source = _latest_end(descriptions)
     if length is None and package.form == SINGLE_FORM and end is not None and end > 0.0:
         length, source = _round_step(end / DEFAULT_STEPS), f"a {DEFAULT_STEPS}th of the run, as the FMU states none"
-    missing = [
-        *(["step size (give --tick-ms)"] if length is None else []),
-        *(["stop time (give --stop-s)"] if end is None else []),
-    ]
+    missing = ["step size (give --tick-ms)"] * (length is None) + ["stop time (give --stop-s)"] * (end is None)
     if length is None or end is None:
         raise InputRefused(f"{package.file}: neither the structure nor an FMU states a {' and a '.join(missing)}")
     begin = choice.start if choice.start is not None else experiment.start

@@ -40,10 +40,18 @@ def ssp_archive(plan: SystemPlan) -> bytes:
     kinds = {path: IMPLEMENTATION_NAMES[part.description.kind] for path, part in parts.items()}
     timing = plan.timing
     steps = {path: count * timing.tick for path, count in timing.periods.items() if count > 1}
+    order = ET.Element("order")
+    for part in plan.parts:
+        ET.SubElement(order, "component", name=part.path)
     system = replace(
         _complete_components(root, "", connectors, kinds, steps),
         bindings=(*root.bindings, *values),
-        annotations=(*_foreign_annotations(root.annotations), *_annotations(plan)),
+        annotations=(
+            *_foreign_annotations(root.annotations),
+            *step_notes(STEP_ANNOTATION, timing.tick),
+            ssp.Annotation(SCHEME_ANNOTATION, f'<scheme name="{plan.scheme}" />'),
+            ssp.Annotation(ORDER_ANNOTATION, ET.tostring(order, encoding="unicode")),
+        ),
     )
     experiment = ssp.DefaultExperiment(timing.first * timing.tick, timing.ticks * timing.tick)
     whole = ssp.Structure(
@@ -68,17 +76,6 @@ def _foreign_annotations(annotations: Iterable[ssp.Annotation]) -> tuple[ssp.Ann
         for one in annotations
         if one.type not in (STEP_ANNOTATION, ORDER_ANNOTATION, SCHEME_ANNOTATION) and "tepSize" not in one.content
     )
-
-
-def _annotations(plan: SystemPlan) -> list[ssp.Annotation]:
-    order = ET.Element("order")
-    for part in plan.parts:
-        ET.SubElement(order, "component", name=part.path)
-    return [
-        *step_notes(STEP_ANNOTATION, plan.timing.tick),
-        ssp.Annotation(SCHEME_ANNOTATION, f'<scheme name="{plan.scheme}" />'),
-        ssp.Annotation(ORDER_ANNOTATION, ET.tostring(order, encoding="unicode")),
-    ]
 
 
 def _value(name: str, variable: Variable, value: object) -> ssp.ParameterValue:
