@@ -258,7 +258,7 @@ def test_a_switch_of_a_drive_is_on_or_off_as_it_was_set(root: Path):
 
 def test_what_an_fmu_says_again_and_again_is_quoted_once():
     instance = Instance.__new__(Instance)
-    instance.messages, instance._pending_messages, instance.clock = [], [], np.zeros(1, dtype=np.int64)
+    instance.messages, instance.pending_messages, instance.clock = [], [], np.zeros(1, dtype=np.int64)
     for text in (b"a", b"expired", b"expired", b"b", b"expired\n"):
         instance.on_message(3, text)
     assert instance.messages == ["a", "b", "expired"]
