@@ -88,9 +88,8 @@ def initialise_fmus(
     """Initialise the FMUs of a system together, and make components of them, which `made` closes.
 
     Return (plan, components, settled, forgiven) as of `PreparedSystem`. Arguments are as of `couple_system` and, by
-    component, `FmuComponent`. `given` are initial outputs of components
-    that are not FMUs, `solved` loops whose initial values are solved for. `free`: unread outputs may be non-finite, and
-    unreadable local variables are dropped.
+    component, `FmuComponent`. `given` are initial outputs of components that are not FMUs, `solved` loops whose initial
+    values are solved for. `free`: unread outputs may be non-finite, and unreadable local variables are dropped.
     """
     fed = {source for source, _ in plan.wires}
     parts: list[SystemPart] = []
