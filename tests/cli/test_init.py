@@ -90,6 +90,17 @@ def test_a_robot_that_cannot_be_is_refused_in_one_sentence(tmp_path: Path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_robot_that_may_swing_gets_the_note_of_its_page(tmp_path: Path):
+    soft = "init", "--robot", "soft.toml", *LENGTHS, "--masses-g", "m_p=400", "--set", "robot.k_s_Nm_per_rad=0.8"
+    told = " ".join(twin(*soft, cwd=tmp_path).stdout.split())
+    assert "note: a natural frequency below 6 Hz: with the shipped gains the platform may swing" in told
+    written = twin("init", "press.toml", "--robot", "soft.toml", cwd=tmp_path)
+    assert written.returncode == 0 and "note: a natural frequency below 6 Hz" in written.stdout, written.stderr
+    page = twin("robot", "soft.toml", "--no-rank", cwd=tmp_path)
+    sentence = written.stdout.splitlines()[1].removeprefix("note: ")
+    assert sentence in " ".join(page.stdout.split())
+
+
 def test_the_page_of_a_robot(tmp_path: Path):
     assert twin("init", "--robot", "mine.toml", *LENGTHS, cwd=tmp_path).returncode == 0
     done = twin("robot", "mine.toml", "--no-rank", "--json", cwd=tmp_path)

@@ -4,7 +4,7 @@ import math
 import os
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -154,12 +154,15 @@ def step_limit(limit_step: float, isolate: Isolation) -> float:
 
 
 class RunPageWriter:
-    """Writer of one report page about all runs of a command when they are over, even if one of them failed."""
+    """Writer of one report page about all runs of a command when they are over, even if one of them failed.
 
-    def __init__(self, wanted: bool, as_json: bool):
-        self._wanted = wanted
-        self._as_json = as_json
+    With `one_object`, the only run is reported after that, so that its JSON object has the path of the page.
+    """
+
+    def __init__(self, wanted: bool, as_json: bool, one_object: bool = False):
+        self._wanted, self._as_json, self._waits = wanted, as_json, wanted and as_json and one_object
         self._folders: list[Path] = []
+        self._report_run: Callable[[Mapping[str, Any]], None] | None = None
 
     def collect_folders(self, listener: NoteListener) -> NoteListener:
         """Wrap a listener to job notes so that it also collects the folders of the runs."""
@@ -167,7 +170,10 @@ class RunPageWriter:
         def on_note(note: dict[str, Any]) -> None:
             if "folder" in note:
                 self._folders.append(Path(note["folder"]))
-            listener(note)
+            if self._waits and "run" in note:
+                self._report_run = lambda page: listener({"run": {**note["run"], **page}})
+            else:
+                listener(note)
 
         return on_note
 
@@ -180,13 +186,20 @@ class RunPageWriter:
             return
         from twin.report.page.page import write_report
 
+        page: Mapping[str, Any] = {}
         try:
-            print_answer(write_report(recorded), self._as_json)
+            answer = write_report(recorded)
+            page = answer.facts
+            if self._report_run is None:
+                print_answer(answer, self._as_json)
         except InputRefused as problem:
             if kind is None:
                 raise
             # the reason why the run itself ended is printed last
             print(terminal_text(str(problem)), file=sys.stderr)
+        finally:
+            if self._report_run is not None:
+                self._report_run(page)
 
 
 @study(isolated="budget", before=[print_latest])

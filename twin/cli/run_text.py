@@ -52,6 +52,7 @@ def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
         "held": [dict(one) for one in run["held"]],
         **({"served": run["served"]["facts"]} if "served" in run else {}),
         "events": [{"t_s": t, "level": level, "text": text} for t, level, text in run["events"]],
+        **({"page": run["page"]} if "page" in run else {}),
     }
 
 

@@ -135,7 +135,7 @@ def serve(
         "live": {"port": port, "origins": origins} if live else None,
     }
     limits = JobLimits(step_limit(limit_step, isolate), limit_wall, 1e6 * DEFAULT_MEMORY_LIMIT)
-    with RunPageWriter(report, as_json) as reported, TerminalDisplay(as_json) as display:
+    with RunPageWriter(report, as_json, one_object=True) as reported, TerminalDisplay(as_json) as display:
         done = run_recording_job(
             SERVE_JOB, arguments, display, isolate, limits, reported.collect_folders(display.on_note)
         )

@@ -42,7 +42,7 @@ def init(
     """
     from twin.kernel.errors import InputRefused
     from twin.robot.assembly.declared import DECLARED_TABLES
-    from twin.robot.assembly.own_robot import start_on_robot, start_robot
+    from twin.robot.assembly.own_robot import robot_notes, start_on_robot, start_robot
     from twin.robot.experiment.template import start_experiment
 
     if (lengths or masses or settings) and not (robot and lengths):
@@ -61,7 +61,8 @@ def init(
         new += start_on_robot(file, start, robot) if robot else start_experiment(DECLARED_TABLES, file, start)
         following = [shlex.join(["twin", "run", str(file)])]
     written = [str(path) for path in new]
-    return Answer("\n".join([*written, *(f"next: {words}" for words in following)]), written)
+    notes = [f"note: {note}" for note in robot_notes(robot, start)] if robot else []
+    return Answer("\n".join([*written, *notes, *(f"next: {words}" for words in following)]), written)
 
 
 @study(json=False)

@@ -69,6 +69,15 @@ def test_a_run_in_lockstep_is_recorded_with_both_sides(tmp_path: Path, told: Any
     assert again.returncode == 2 and "a remote controller commanded its drives" in again.stderr
 
 
+def test_the_page_of_a_run_is_a_key_of_its_only_json_object(tmp_path: Path, told: Any):
+    told()
+    done = served(tmp_path, "fig4_force_position", *SHORT, "--lockstep", "--json", "--report")
+    assert done.returncode == 0, done.stderr
+    facts = json.loads(done.stdout)
+    assert facts["served"]["mode"] == "lockstep" and facts["page"] == "run/report.html"
+    assert (tmp_path / "run" / "report.html").is_file()
+
+
 def test_the_text_of_a_run_tells_of_the_exchange_and_the_wire_of_its_wait(tmp_path: Path, told: Any):
     told()
     done = served(tmp_path, "fig4_force_position", *SHORT, "--lockstep")

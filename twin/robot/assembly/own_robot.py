@@ -37,8 +37,9 @@ from twin.robot.experiment.template import (
     start_experiment,
     write_new,
 )
-from twin.robot.mechanism.geometry import geometry_of
-from twin.robot.mechanism.kinematics import joint_angles
+from twin.robot.mechanism.geometry import OUTWARD, geometry_of
+from twin.robot.mechanism.kinematics import jacobian, joint_angles
+from twin.robot.mechanism.statics import Masses, leg_inertia, moving_mass, platform_stiffness
 from twin.robot.mechanism.unreachable import Unreachable
 from twin.robot.mechanism.workspace import HOME_ANGLE, home_height
 from twin.robot.monitor.limits import Monitor
@@ -56,6 +57,12 @@ APPROACH_HEIGHT, FLOOR_DEPTH = 9.0, 29.0
 """Height of travel above the surface and depth of the deepest search for contact (mm), as in massage.toml."""
 SPACE = {"workspace_radius_mm": 40.0, "z_min_mm": -34.0, "z_max_mm": 26.0}
 """Defaults of [monitor] on the shipped robot (mm); heights above the surface."""
+SWING_NOTE = (
+    "a natural frequency below 6 Hz: with the shipped gains the platform may swing until the monitor trips; choose "
+    "stiffer springs or a lighter robot, or twin tune"
+)
+MIN_FREQUENCY = 6.0
+"""Natural frequency (Hz) below which tasks are doubtful: they trip the monitor below 5 Hz, and hold from 8.7 Hz on."""
 SPACE_SHARES = tuple(round(1.0 - 0.05 * step, 2) for step in range(15))
 """Shares of that space that are tried, the largest first; with less there is no room for a massage."""
 
@@ -68,6 +75,26 @@ def cylinder_poses(radius: float, bottom: float, top: float) -> NDArray[np.float
         np.linspace(bottom, top, 13)[:, None, None],
     )  # fmt: skip
     return np.stack([x, y, z], axis=-1).reshape(-1, 3)
+
+
+def natural_frequency(robot: Robot, p_B: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the natural frequencies (Hz) of a robot on its springs at `p_B` (3,), m, along x, y and z, (3,).
+
+    Along e: sqrt(stiffness / M_ee) / (2 pi), with `plant.dynamics`
+    M_ee = m_p + m_b + I_a sum_i J_ie^2 + m_b/3 sum_i d_ie J_ie.
+    """
+    geometry, masses = geometry_of(robot), Masses(robot.m_a, robot.m_b, robot.m_p, robot.I_r)
+    J, theta_l = jacobian(geometry, p_B), joint_angles(geometry, p_B)
+    sine, cosine = np.sin(theta_l)[:, None], np.cos(theta_l)[:, None]
+    d = geometry.l_a * (-sine * OUTWARD - cosine * np.array([0.0, 0.0, 1.0]))
+    mass = moving_mass(masses) + np.sum(leg_inertia(geometry, masses) * J**2 + robot.m_b / 3.0 * d * J, axis=0)
+    stiffness = platform_stiffness(J, robot.k_s * robot.N**2 * robot.eta)
+    return np.asarray(np.sqrt(stiffness / mass) / (2.0 * math.pi), dtype=np.float64)
+
+
+def swing_notes(frequency: NDArray[np.float64]) -> list[str]:
+    """Return the note on a robot with too low a natural frequency (3,), Hz; empty for others."""
+    return [SWING_NOTE] if frequency.min() < MIN_FREQUENCY else []
 
 
 def working_space(robot: Robot) -> tuple[float, dict[str, tuple[float, str]], Monitor]:
@@ -225,6 +252,15 @@ def load_on_robot(path: Path, overrides: Iterable[str] = (), drive: str | None =
     if is_robot(read_source(file).values):
         return experiment_on_robot(file, FIG4_EXPERIMENT, overrides, drive)
     return load_experiment(path, overrides, drive)
+
+
+def robot_notes(robot: Path, start: str) -> list[str]:
+    """Return notes on the robot of a file that works at the height of the shipped experiment `start`."""
+    with contextlib.suppress(InputRefused):
+        # a new robot that cannot do the experiment
+        experiment = experiment_on_robot(robot, start)
+        return swing_notes(natural_frequency(experiment.plant, np.array([0.0, 0.0, experiment.contact.height])))
+    return []
 
 
 def start_on_robot(file: Path, start: str, robot: Path) -> list[Path]:

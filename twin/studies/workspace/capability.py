@@ -4,8 +4,7 @@ With tau_l = k_s N eta (theta_m - N theta_l) (Eq. 18-20), dtheta_l = J dp_B (Eq.
 (Eq. 21-27) at the working pose p = (0, 0, height):
 
 - stiffness along an axis e, the others held, motors held: e^T J^T k J e, k = k_s N^2 eta.
-- natural frequency along e: sqrt(stiffness / M_ee) / (2 pi), with `plant.dynamics`
-  M_ee = m_p + m_b + I_a sum_i J_ie^2 + m_b/3 sum_i d_ie J_ie.
+- natural frequency along e: see `own_robot.natural_frequency`.
 - smallest force along e: it turns some joint by a whole count of its encoder, k (2 pi / n_l) / max_i |(J^-T e)_i|.
 - force of the counts along e: of one count on all six encoders, k_s N eta (2 pi / n_m + N 2 pi / n_l) sum_i |J_ie|.
 - largest force along e: no motor torque beyond the drive's stall torque T, |(J^-T (F e - weight))_i| <= N eta T; along
@@ -24,13 +23,13 @@ from numpy.typing import NDArray
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.checks.reach import free_poses
 from twin.robot.assembly.drives import plan_drive
-from twin.robot.assembly.own_robot import APPROACH_HEIGHT, FLOOR_DEPTH, cylinder_poses
+from twin.robot.assembly.own_robot import APPROACH_HEIGHT, FLOOR_DEPTH, cylinder_poses, natural_frequency
 from twin.robot.experiment.differences import robot_values
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.schema import Drive
-from twin.robot.mechanism.geometry import OUTWARD, geometry_of
+from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import distal_volume, jacobian, joint_angles, transmission_sines
-from twin.robot.mechanism.statics import Masses, force_on_environment, leg_inertia, moving_mass, platform_stiffness
+from twin.robot.mechanism.statics import Masses, force_on_environment, platform_stiffness
 from twin.studies.accuracy.budget import UNCERTAINTIES, accuracy_budget
 from twin.studies.command import Say, ignore_progress
 from twin.studies.qualify.bench import response
@@ -138,9 +137,6 @@ def capability(experiment: Experiment, rank: bool = True, say: Say = ignore_prog
     masses = Masses(plant.m_a, plant.m_b, plant.m_p, plant.I_r)
     theta_l = joint_angles(geometry, pose)
     weight = force_on_environment(geometry, masses, theta_l, pose, np.zeros(3))
-    sine, cosine = np.sin(theta_l)[:, None], np.cos(theta_l)[:, None]
-    d = geometry.l_a * (-sine * OUTWARD - cosine * np.array([0.0, 0.0, 1.0]))
-    mass = moving_mass(masses) + np.sum(leg_inertia(geometry, masses) * J**2 + plant.m_b / 3.0 * d * J, axis=0)
     say("drives", 0.0)
     # equal drives are measured once
     firsts = [experiment.drives.index(table) for table in experiment.drives]
@@ -169,7 +165,7 @@ def capability(experiment: Experiment, rank: bool = True, say: Say = ignore_prog
         least_serial=float(transmission_sines(geometry, inside).min()),
         least_parallel=float(np.abs(distal_volume(inside)).min()),
         stiffness=stiffness,
-        natural_frequency=np.sqrt(stiffness / mass) / (2.0 * math.pi),
+        natural_frequency=natural_frequency(plant, pose),
         smallest_force=k * count_l / np.abs(back).max(axis=0),
         count_force=plant.k_s * plant.N * plant.eta * (count_m + plant.N * count_l) * np.abs(J).sum(axis=0),
         largest_force=np.array([*np.minimum(up, down)[:2], down[2]]),

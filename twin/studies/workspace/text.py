@@ -9,6 +9,7 @@ from matplotlib.patches import Circle, Rectangle
 
 from twin.kernel.serialise import to_dict
 from twin.robot.assembly.checks.reach import free_poses
+from twin.robot.assembly.own_robot import swing_notes
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import geometry_of, skeleton
 from twin.robot.mechanism.kinematics import distal_volume, jacobian, joint_angles, transmission_sines
@@ -19,12 +20,6 @@ from twin.studies.workspace.capability import Capability
 MAP_POINTS = 161
 """Points of the map along each axis."""
 AXIS_COLUMNS = (Column("", 30, left=True), Column("x", 9), Column("y", 9), Column("z", 9), Column("", gap=2, left=True))
-SWING_NOTE = (
-    "a natural frequency below 6 Hz: with the shipped gains the platform may swing until the monitor trips; choose "
-    "stiffer springs or a lighter robot, or twin tune"
-)
-MIN_FREQUENCY = 6.0
-"""Natural frequency (Hz) below which tasks are doubtful: they trip the monitor below 5 Hz, and hold from 8.7 Hz on."""
 RANK_COLUMNS = (Column("value", 36, left=True), Column("rms", 8, ".3f", "N"))
 
 
@@ -51,7 +46,7 @@ def capability_result(done: Capability, files: Mapping[str, str]) -> Result:
         "",
         Table(AXIS_COLUMNS, [(name, *(f"{f * v:.3g}" for v in values), unit) for name, values, f, unit in rows]),
         "",
-        *([note("note", SWING_NOTE)] if done.natural_frequency.min() < MIN_FREQUENCY else []),
+        *(note("note", text) for text in swing_notes(done.natural_frequency)),
         note(
             "weight", f"{done.weight:.2f} N at the platform bends the springs by "
             f"{math.degrees(done.weight_deflection):.2f} deg (motor side); "
