@@ -90,7 +90,7 @@ def _run(experiment: Experiment, factor: float | None, live: bool) -> Cost:
         from twin.robot.live.server import LiveServer
 
         clients: list[subprocess.Popen[str]] = []
-        with LiveServer(0, lambda address: clients.append(_client(address))) as server:
+        with LiveServer(0, lambda text: clients.append(_client(text.split()[1].rstrip(";")))) as server:
             watch = Stopwatch(server)
             execute(experiment, Path(scratch), factor=factor, viewer=watch)
             seconds = time.perf_counter() - watch.began

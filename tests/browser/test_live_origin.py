@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser
 
 from tests.laws.runs import shipped
-from tests.robot.live.viewer import Viewer
+from tests.robot.live.viewer import Viewer, address_in
 from twin.robot.live.server import LiveServer
 from twin.robot.run.run import execute
 
@@ -83,8 +83,8 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     addresses: list[str] = []
     waits = threading.Event()
 
-    def announce(address: str) -> None:
-        addresses.append(address)
+    def announce(text: str) -> None:
+        addresses.append(address_in(text))
         waits.set()
 
     def serve(folder: Path) -> None:

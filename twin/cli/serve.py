@@ -119,7 +119,7 @@ def serve(
         "out": str(out) if out else None,
         "options": {
             "lockstep": lockstep,
-            "answer": answer_s,
+            "answer_s": answer_s,
             "commands": commands,
             "command_topic": command_topic or "",
             "watchdog": None if watchdog_ms is None else 1e-3 * watchdog_ms,

@@ -297,14 +297,8 @@ class TerminalDisplay:
             self._done.append(_shortest(facts["recording"].parent))
         elif "line" in note:
             self.clear()
-            print(terminal_text(note["line"]), file=sys.stderr, flush=True)
-        elif "serving" in note:
-            self.clear()
             # on standard error: --json reserves standard output for the result
-            print(f"serving {note['serving']}; the run begins when a viewer subscribes", file=sys.stderr, flush=True)
-        elif "refused" in note:
-            self.clear()
-            print(terminal_text(f"refused: {note['refused']}"), file=sys.stderr, flush=True)
+            print(terminal_text(note["line"]), file=sys.stderr, flush=True)
         else:
             self._name, self.folder = note["experiment"], Path(note["folder"])
             self._progress.begin(self._name, note["duration"])

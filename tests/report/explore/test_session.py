@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from websockets.sync.server import ServerConnection, serve
 
+from tests.robot.live.viewer import address_in
 from tests.studies.shadow.live_sessions import ROBOT, SPRING, SoftRobot
 from tests.studies.shadow.test_live_view import TOPICS, OneProposal
 from twin.kernel.errors import InputRefused
@@ -81,10 +82,10 @@ def listening(address: str) -> Iterator[Listening]:
 @contextmanager
 def shown(twin: OneProposal, port: int = 0) -> Iterator[tuple[str, ShadowViewer]]:
     """(address, viewer) of a session with a twin that proposes."""
-    addresses = list[str]()
-    with LiveServer(port, addresses.append, waits=False) as server:
+    told = list[str]()
+    with LiveServer(port, told.append, waits=False) as server:
         viewer = ShadowViewer(server, TOPICS, load_experiment(ROBOT), twin)
-        yield addresses[0], viewer
+        yield address_in(told[0]), viewer
 
 
 def subscribed(viewer: ShadowViewer) -> bool:

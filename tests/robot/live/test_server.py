@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.laws.runs import shipped
-from tests.robot.live.viewer import Viewer
+from tests.robot.live.viewer import Viewer, address_in
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.messages import HEAD_SIZE, Field, Topic, message_layout, message_records
@@ -72,9 +72,9 @@ def test_runs_follow_one_another_at_one_address_and_each_waits_for_a_viewer(tmp_
     viewers: list[Viewer] = []
     watching: list[threading.Thread] = []
 
-    def watch(address: str) -> None:
-        addresses.append(address)
-        viewers.append(Viewer(address))
+    def watch(text: str) -> None:
+        addresses.append(address_in(text))
+        viewers.append(Viewer(addresses[-1]))
         watching.append(threading.Thread(target=_see_plant, args=(viewers[-1],)))
         watching[-1].start()
 

@@ -25,6 +25,11 @@ PATIENCE = 30.0
 """s; how long to wait for anything at all, on a machine that is busy."""
 
 
+def address_in(text: str) -> str:
+    """The address in what a server tells."""
+    return text.split()[1].rstrip(";")
+
+
 class Received(NamedTuple):
     """A message of a topic: topic, log time (ns), decoded."""
 

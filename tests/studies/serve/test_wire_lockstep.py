@@ -14,7 +14,7 @@ from twin.robot.remote import COMMAND_PORTS, SAMPLE_PORTS
 from twin.studies.serve import lockstep
 from twin.studies.serve.lockstep import START_STAMP, Lockstep
 from twin.studies.serve.messages import MotorCommand
-from twin.studies.serve.wire import ReceivedCommand, WireEvents
+from twin.studies.serve.wire import WireEvents
 
 TICK = 1e-3
 SPEEDS = np.array([1.0, 2.0, 3.0])
@@ -40,8 +40,8 @@ class FakeWire:
     command_topic = "/robot_joint_command"
     batch = 1
 
-    def __init__(self, *answers: list[ReceivedCommand]):
-        self._answers, self._queue = list(answers), list[ReceivedCommand]()
+    def __init__(self, *answers: list[MotorCommand]):
+        self._answers, self._queue = list(answers), list[MotorCommand]()
         self.stamps: list[int] = []
         self.applied: list[int] = []
         self.has_controller = True
@@ -57,7 +57,7 @@ class FakeWire:
     def write_applied(self, stamp: int, speeds: np.ndarray) -> None:
         self.applied.append(stamp)
 
-    def receive(self, wait: float) -> list[ReceivedCommand]:
+    def receive(self, wait: float) -> list[MotorCommand]:
         if wait == 0.0:
             return []
         taken, self._queue = self._queue[: self.batch], self._queue[self.batch :]
@@ -70,9 +70,9 @@ class FakeWire:
         return {}
 
 
-def command(tick: int | None, speeds: np.ndarray = SPEEDS, mistake: str = "", obeyed: bool = True) -> ReceivedCommand:
+def command(tick: int | None, speeds: np.ndarray = SPEEDS, mistake: str = "", obeyed: bool = True) -> MotorCommand:
     stamp = None if tick is None else START_STAMP + tick * 1_000_000
-    return ReceivedCommand(obeyed, MotorCommand(stamp, speeds, mistake))
+    return MotorCommand(stamp, speeds, mistake, obeyed)
 
 
 class Served:
@@ -84,12 +84,10 @@ class Served:
         self.mailbox = Mailbox(self.notes.box, *sizes)
         reporter: Any = self.notes
         made: Any = wire
-        protocol = Lockstep(
-            made, Mailbox(self.notes.box, *sizes), WireEvents(reporter), lambda text: self.notes.note(waiting=text),
-            TICK, stamped, answer,
-        )  # fmt: skip
+        settings = {"tick_s": TICK, "commands": "joint" if stamped else "array", "answer_s": answer}
+        protocol = Lockstep(made, Mailbox(self.notes.box, *sizes), WireEvents(reporter), reporter, settings)
         self.summary: dict[str, Any] = {}
-        self._thread = Thread(target=lambda: self.summary.update(protocol.run(lambda: self.notes.note(ready=True))))
+        self._thread = Thread(target=lambda: self.summary.update(protocol.run()))
         self._thread.start()
 
     def ask(self, tick: int) -> MailboxEntry:
@@ -147,7 +145,7 @@ def test_older_newer_second_and_foreign_answers_are_counted_and_not_obeyed():
         (command(0, np.full(3, np.nan), "2 velocities of m1, m2"), "2 velocities of m1, m2; asked again"),
     ],
 )
-def test_an_invalid_answer_is_an_event_and_the_sample_is_asked_again(bad: ReceivedCommand, expected: str):
+def test_an_invalid_answer_is_an_event_and_the_sample_is_asked_again(bad: MotorCommand, expected: str):
     served = Served(FakeWire([bad], [command(0)]))
     assert served.ask(0).values.tolist() == SPEEDS.tolist()
     assert served.close()["resent"] == 1

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.robot.live.test_live import refused
-from tests.robot.live.viewer import Received, Viewer
+from tests.robot.live.viewer import Received, Viewer, address_in
 from tests.studies.replay.logs import ANGLES, EXPERIMENTS, FIG4, ran, write_log
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.column_map import column_map
@@ -112,13 +112,14 @@ def test_viewers_that_come_go_or_do_not_read_see_both_robots_and_change_nothing_
 
 
 def test_accept_takes_the_token_and_an_open_proposal_and_follows_it_once():
-    twin, addresses = OneProposal(), list[str]()
+    twin, told = OneProposal(), list[str]()
     proposal, text = twin.proposal, "k_s of joint 2 was 1.000, is 0.930 +- 0.020 N m/rad"
     values = {"text": text, "field": "k_s_share", "leg": 1, "value": 0.93, "half_width": 0.02, "unit": "N m/rad"}
-    with LiveServer(0, addresses.append, waits=False) as server:
+    with LiveServer(0, told.append, waits=False) as server:
         viewer = ShadowViewer(server, TOPICS, load_experiment(ROBOT), twin)
         rows = {"alarm": np.array([[np.nan], [0.25]])}
-        with Viewer(addresses[0]) as owner, Viewer(addresses[0].partition("?")[0]) as stranger:
+        address = address_in(told[0])
+        with Viewer(address) as owner, Viewer(address.partition("?")[0]) as stranger:
             owner.subscribe("/alarm", "/events", "/estimator")
             owner.send(op="subscribeParameterUpdates", parameterNames=[])
             assert owner.parameters() == {

@@ -40,7 +40,7 @@ class Reporter(Protocol):
     """Interface for reports of a job `job(reporter, **arguments)` to its parent; notes and result become JSON."""
 
     def note(self, **facts: Any) -> None:
-        """Send a note, such as `note(serving=address)`, as a dictionary to the parent's listener while the job runs."""
+        """Send a note, such as `note(line=text)`, as a dictionary to the parent's listener while the job runs."""
 
     def loading(self) -> None:
         """Report that components are being created from now on; a failure is then an input error."""

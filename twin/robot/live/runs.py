@@ -1,6 +1,6 @@
 """Job of `twin run`: runs experiments, records them, and serves them to viewers with `--live`."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
 from pathlib import Path
@@ -189,8 +189,7 @@ def _isolated_drives(reporter: Reporter, limit_step: float) -> AbstractContextMa
 def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: Any) -> None:
     """Run and record experiments, served to live viewers; each run begins with its first viewer.
 
-    Notes: {"serving": address} when a run waits for its first viewer; {"refused": sentence} for a refused connection
-    meanwhile; the others are those of `recorded_runs`.
+    Notes: {"line": text of the server for the user}; the others are those of `recorded_runs`.
 
     Args:
         port, origins: see `LiveServer`.
@@ -200,21 +199,16 @@ def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: 
         InputRefused: websockets is not installed, the port is taken, or an origin is invalid.
         TwinError: see `recorded_runs`.
     """
-    with live_server(
-        port,
-        announce=lambda address: reporter.note(serving=address),
-        warn=lambda sentence: reporter.note(refused=sentence),
-        origins=origins,
-    ) as server:
+    with live_server(lambda text: reporter.note(line=text), port, origins) as server:
         recorded_runs(reporter, **arguments, viewer=server)
 
 
-def live_server(port: int, **arguments: Any) -> "LiveServer":
-    """Create the server that shows runs to live viewers."""
+def live_server(say: Callable[[str], None], port: int, origins: Sequence[str], waits: bool = True) -> "LiveServer":
+    """Create the server that shows runs to live viewers, see `LiveServer`."""
     try:
         from twin.robot.live.server import LiveServer
     except ImportError as missing:
         if not (missing.name or "").startswith("websockets"):
             raise
         raise InputRefused("--live: websockets is not installed; pip install 'websockets>=14'") from None
-    return LiveServer(port, **arguments)
+    return LiveServer(port, say, origins, waits)

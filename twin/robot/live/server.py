@@ -349,8 +349,7 @@ class LiveServer:
 
     Args:
         port: port to listen on; 0 for any free one.
-        announce: called with the address, `ws://127.0.0.1:8765/?token=...`, whenever a run waits for its first viewer.
-        warn: called with a message about refused connections.
+        say: receives texts for the user: the address, `ws://127.0.0.1:8765/?token=...`, and refused connections.
         origins: see `viewer_policy`.
         waits: whether a run waits for its first viewer; a real robot does not.
 
@@ -361,12 +360,11 @@ class LiveServer:
     def __init__(
         self,
         port: int,
-        announce: Callable[[str], None],
-        warn: Callable[[str], None] = lambda text: None,
+        say: Callable[[str], None],
         origins: Sequence[str] = (),
         waits: bool = True,
     ):
-        self._announce, self._warn, self._gate, self._waits = announce, warn, Gate(viewer_policy(origins)), waits
+        self._say, self._gate, self._waits = say, Gate(viewer_policy(origins)), waits
         self._held = socket.socket()
         if os.name == "posix":
             # connections of a previous session must not block the port for a minute
@@ -396,10 +394,11 @@ class LiveServer:
         except OSError as problem:
             raise _refusal(self._port, problem) from None
         self._active = broadcast, None
-        self._announce(f"ws://{LOOPBACK_HOST}:{self._port}/?token={self._gate.token}")
+        begins = "the run begins when a viewer subscribes" if self._waits else "viewers may come and go"
+        self._say(f"serving ws://{LOOPBACK_HOST}:{self._port}/?token={self._gate.token}; {begins}")
         if self._waits:
             for refusal in iter(broadcast.news.get, None):
-                self._warn(refusal)
+                self._say(f"refused: {refusal}")
         self._active = broadcast, Publisher(topics, broadcast)
 
     def show(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
@@ -410,7 +409,7 @@ class LiveServer:
             news = self._active[0].news
             while not news.empty():
                 if refusal := news.get():
-                    self._warn(refusal)
+                    self._say(f"refused: {refusal}")
 
     def send_parameters(self, names: Sequence[str]) -> None:
         """Send viewers the values of parameters that changed without a viewer's request."""

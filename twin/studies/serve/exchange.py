@@ -10,13 +10,13 @@ import numpy as np
 
 from twin.kernel.cosim.histogram import Histogram
 from twin.kernel.cosim.port import port_slices, width
-from twin.kernel.process.mailbox import IGNORED_TAG, OBEYED_TAG, Mailbox, MailboxEntry
+from twin.kernel.process.mailbox import IGNORED_TAG, OBEYED_TAG, Mailbox
 from twin.kernel.process.real_time import real_time
 from twin.kernel.process.reporter import PipeReporter
 from twin.robot.remote import COMMAND_PORTS, SAMPLE_PORTS
 from twin.studies.serve.lockstep import Lockstep
-from twin.studies.serve.messages import MOTOR_COUNT
-from twin.studies.serve.wire import REPORT_PERIOD, WAIT_TIMEOUT, ReceivedCommand, Wire, WireEvents
+from twin.studies.serve.messages import MOTOR_COUNT, MotorCommand
+from twin.studies.serve.wire import FOREIGN_TEXT, REPORT_PERIOD, WAIT_TIMEOUT, Wire, WireEvents
 
 MAX_PENDING = 10_000
 """Maximum number of samples whose answers are awaited for the count of lost commands."""
@@ -30,11 +30,11 @@ class FreeExchange:
         wire: DDS side.
         mailbox: the simulation.
         events: receives events.
-        report: receives texts for the user while no command has arrived.
+        reporter: receives texts for the user while no command has arrived.
     """
 
-    def __init__(self, wire: Wire, mailbox: Mailbox, events: WireEvents, report: Callable[[str], None]):
-        self._wire, self._mailbox, self._events, self._report = wire, mailbox, events, report
+    def __init__(self, wire: Wire, mailbox: Mailbox, events: WireEvents, reporter: PipeReporter):
+        self._wire, self._mailbox, self._events, self._reporter = wire, mailbox, events, reporter
         # stamps are wall time, by a clock that cannot be set back
         self._offset = time.time_ns() - time.monotonic_ns()
         self._newest: int | None = None
@@ -48,10 +48,11 @@ class FreeExchange:
 
     def run(self) -> dict[str, Any]:
         """Exchange samples and commands until the run has ended; return the summary."""
+        self._reporter.note(ready=True)
         reported = time.monotonic()
         threads = [
             Thread(target=self._repeat_step, args=(step,), name=name, daemon=True)
-            for name, step in (("commands", self._receive), ("samples", self._publish_next))
+            for name, step in (("commands", self._receive), ("samples", self._publish))
         ]
         for one in threads:
             one.start()
@@ -62,7 +63,7 @@ class FreeExchange:
                 time.sleep(WAIT_TIMEOUT)
                 if not self._commands and time.monotonic() > reported + REPORT_PERIOD:
                     reported = time.monotonic()
-                    self._report(self._wire.waiting_text())
+                    self._reporter.note(waiting=self._wire.waiting_text())
             for one in threads:
                 one.join(1.0)
         if self._failure is not None:
@@ -76,11 +77,9 @@ class FreeExchange:
         except BaseException as problem:
             self._failure = problem
 
-    def _publish_next(self) -> None:
-        if (entry := self._mailbox.samples.pop(WAIT_TIMEOUT)) is not None:
-            self._publish(entry)
-
-    def _publish(self, entry: MailboxEntry) -> None:
+    def _publish(self) -> None:
+        if (entry := self._mailbox.samples.pop(WAIT_TIMEOUT)) is None:
+            return
         stamp = entry.time + self._offset
         self._samples += 1
         # before an answer can come
@@ -106,16 +105,15 @@ class FreeExchange:
         self._speeds = speeds
 
     def _receive(self) -> None:
-        for one in self._wire.receive(WAIT_TIMEOUT):
-            self._pass_on(one)
+        for command in self._wire.receive(WAIT_TIMEOUT):
+            self._pass_on(command, time.monotonic_ns())
 
-    def _pass_on(self, received: ReceivedCommand) -> None:
-        arrived, command = time.monotonic_ns(), received.command
+    def _pass_on(self, command: MotorCommand, arrived: int) -> None:
         obeyed = self._wire.publishers.matched[:1]
         if obeyed != self._obeyed:
             # another node has a clock of its own
             self._obeyed, self._newest = obeyed, None
-        if self._is_refused(received):
+        if self._is_refused(command):
             self._mailbox.commands.put(-1, command.speeds, IGNORED_TAG)
             return
         # before the simulation can have it
@@ -127,11 +125,11 @@ class FreeExchange:
             self._answers += 1
             self._first, self._last = self._first or sample, max(self._last, sample)
 
-    def _is_refused(self, received: ReceivedCommand) -> bool:
+    def _is_refused(self, command: MotorCommand) -> bool:
         """Whether a command is not obeyed; counts it."""
-        command, topic = received.command, self._wire.command_topic
-        if not received.obeyed:
-            self._events.add("other publisher", f"{topic}: a second publisher; its command is not obeyed")
+        topic = self._wire.command_topic
+        if not command.obeyed:
+            self._events.add("other publisher", f"{topic}: {FOREIGN_TEXT}")
         elif command.mistake:
             self._events.add("invalid", f"{topic}: {command.mistake}")
         elif self._newest is not None and command.stamp is not None and command.stamp < self._newest:
@@ -160,21 +158,11 @@ def exchange(reporter: PipeReporter, settings: dict[str, Any]) -> dict[str, Any]
 
     Args:
         reporter: reporter of this process; its black box has the mailbox.
-        settings: lockstep (bool), answer_s, names of motors and joints (6), commands ("joint" or "array"),
-            command_topic ("" for the default), domain (None for ROS_DOMAIN_ID), tick_s, counts_m and counts_l per turn,
-            has_effort, has_scale.
+        settings: fields of `session.ServeOptions`, tick_s, counts_m and counts_l per turn, has_effort, has_scale.
     """
     events = WireEvents(reporter)
     wire = Wire(settings, events)
     mailbox = Mailbox(reporter.box, width(SAMPLE_PORTS), width(COMMAND_PORTS))
-
-    def report(text: str) -> None:
-        reporter.note(waiting=text)
-
     if settings["lockstep"]:
-        stamped = settings["commands"] == "joint"
-        return Lockstep(wire, mailbox, events, report, settings["tick_s"], stamped, settings["answer_s"]).run(
-            lambda: reporter.note(ready=True)
-        )
-    reporter.note(ready=True)
-    return FreeExchange(wire, mailbox, events, report).run()
+        return Lockstep(wire, mailbox, events, reporter, settings).run()
+    return FreeExchange(wire, mailbox, events, reporter).run()

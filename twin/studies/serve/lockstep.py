@@ -10,14 +10,15 @@
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from twin.kernel.process.mailbox import GIVE_UP_TAG, IGNORED_TAG, OBEYED_TAG, Mailbox, MailboxEntry
-from twin.studies.serve.messages import NS_PER_SECOND
-from twin.studies.serve.wire import REPORT_PERIOD, WAIT_TIMEOUT, ReceivedCommand, Wire, WireEvents
+from twin.kernel.process.reporter import PipeReporter
+from twin.studies.serve.messages import NS_PER_SECOND, MotorCommand
+from twin.studies.serve.wire import FOREIGN_TEXT, REPORT_PERIOD, WAIT_TIMEOUT, Wire, WireEvents
 
 START_STAMP = NS_PER_SECOND
 """Stamp of tick 0 (ns), since ROS reads time 0 as a clock that has not started."""
@@ -34,34 +35,26 @@ class Lockstep:
         wire: DDS side.
         mailbox: the simulation.
         events: receives events.
-        report: receives texts for the user while the controller is missing.
-        tick: duration of a tick (s).
-        stamped: whether commands have stamps.
-        answer_timeout: maximum time (s) without an answer to a sample.
+        reporter: receives texts for the user while the controller is missing.
+        settings: see `exchange`.
     """
 
     def __init__(
-        self,
-        wire: Wire,
-        mailbox: Mailbox,
-        events: WireEvents,
-        report: Callable[[str], None],
-        tick: float,
-        stamped: bool,
-        answer_timeout: float,
+        self, wire: Wire, mailbox: Mailbox, events: WireEvents, reporter: PipeReporter, settings: Mapping[str, Any]
     ):
-        self._wire, self._mailbox, self._events, self._report = wire, mailbox, events, report
-        self._tick_ns, self._stamped, self._answer_timeout = round(1e9 * tick), stamped, answer_timeout
+        self._wire, self._mailbox, self._events, self._reporter = wire, mailbox, events, reporter
+        self._tick_ns, self._answer_timeout = round(1e9 * settings["tick_s"]), settings["answer_s"]
+        self._stamped = settings["commands"] == "joint"
         self._samples = self._commands = self._resent = 0
         self._answered, self._reported = -1, 0.0
         self._deterministic = True
 
-    def run(self, ready: Callable[[], None]) -> dict[str, Any]:
-        """Connect, call `ready`, and exchange samples and commands until the run has ended; return the summary."""
+    def run(self) -> dict[str, Any]:
+        """Connect, and exchange samples and commands until the run has ended; return the summary."""
         while not (self._wire.has_controller or self._mailbox.is_closed):
             self._report_each_second(self._wire.waiting_text)
             time.sleep(0.01)
-        ready()
+        self._reporter.note(ready=True)
         while not self._mailbox.is_closed:
             entry = self._mailbox.samples.pop(WAIT_TIMEOUT)
             if entry is None:
@@ -83,9 +76,8 @@ class Lockstep:
         invalid = 0
         while not self._mailbox.is_closed:
             found = self._wire.receive(WAIT_TIMEOUT)
-            for number, received in enumerate(found):
-                command = received.command
-                if self._is_ignored(received, stamp, entry.tick):
+            for number, command in enumerate(found):
+                if self._is_ignored(command, stamp, entry.tick):
                     self._mailbox.commands.put(entry.tick, command.speeds, IGNORED_TAG)
                 elif command.mistake or not np.isfinite(command.speeds).all():
                     self._mailbox.commands.put(entry.tick, command.speeds, IGNORED_TAG)
@@ -113,13 +105,13 @@ class Lockstep:
     def _report_each_second(self, text: Callable[[], str]) -> None:
         if time.monotonic() - self._reported > REPORT_PERIOD:
             self._reported = time.monotonic()
-            self._report(text())
+            self._reporter.note(waiting=text())
 
-    def _is_ignored(self, received: ReceivedCommand, stamp: int, tick: int) -> bool:
+    def _is_ignored(self, command: MotorCommand, stamp: int, tick: int) -> bool:
         """Whether a command is not the answer to the sample with the stamp `stamp` (ns); counts it."""
-        topic, own = self._wire.command_topic, received.command.stamp
-        if not received.obeyed:
-            self._note_foreign(tick)
+        topic, own = self._wire.command_topic, command.stamp
+        if not command.obeyed:
+            self._events.add("other publisher", f"{topic}: {FOREIGN_TEXT}", tick)
         elif own is None or own == stamp:
             return False
         elif own == self._answered:
@@ -136,20 +128,16 @@ class Lockstep:
         if not self._stamped:
             self._lose_determinism("a sample was written again")
 
-    def _count_extra(self, found: Sequence[ReceivedCommand]) -> None:
+    def _count_extra(self, found: Sequence[MotorCommand]) -> None:
         """Count commands that arrived while no sample awaited an answer."""
-        for received in found:
-            self._mailbox.commands.put(-1, received.command.speeds, IGNORED_TAG)
-            if not received.obeyed:
-                self._note_foreign()
+        for command in found:
+            self._mailbox.commands.put(-1, command.speeds, IGNORED_TAG)
+            if not command.obeyed:
+                self._events.add("other publisher", f"{self._wire.command_topic}: {FOREIGN_TEXT}")
                 continue
             self._events.count("second answer")
             if not self._stamped:
                 self._lose_determinism("a sample had a second answer")
-
-    def _note_foreign(self, tick: int = -1) -> None:
-        text = f"{self._wire.command_topic}: a second publisher; its command is not obeyed"
-        self._events.add("other publisher", text, tick)
 
     def _lose_determinism(self, why: str) -> None:
         if self._deterministic:

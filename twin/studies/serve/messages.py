@@ -35,11 +35,13 @@ class MotorCommand(NamedTuple):
         stamp: `header.stamp` (ns); None for a type without a stamp.
         speeds: motor speeds (rad/s) in the order of the motors, (3,); NaN for an invalid command.
         mistake: error message if the message is no command of this robot; "" for a command, also with NaN.
+        obeyed: whether its publisher is the obeyed one.
     """
 
     stamp: int | None
     speeds: NDArray[np.float64]
-    mistake: str
+    mistake: str = ""
+    obeyed: bool = True
 
 
 def joint_state(
@@ -109,7 +111,7 @@ def read_command(data: bytes, kind: str, motors: Sequence[str]) -> MotorCommand:
         listed = ", ".join([*names[:MAX_NAMES], *more]) or "no joint"
         return MotorCommand(stamp, unknown, f"{len(speeds)} velocities of {listed}; expected {', '.join(motors)}")
     by_name = dict(zip(named, speeds, strict=True))
-    return MotorCommand(stamp, np.array([by_name[one] for one in motors]), "")
+    return MotorCommand(stamp, np.array([by_name[one] for one in motors]))
 
 
 def _time(stamp: int) -> Any:

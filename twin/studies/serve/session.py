@@ -5,9 +5,9 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -28,15 +28,13 @@ from twin.kernel.recording.recorder import Recorder
 from twin.robot.assembly.build import have_effort, planned_drives
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.experiment_files import experiment_file
 from twin.robot.live.runs import live_server, record_run, run_facts
 from twin.robot.remote import COMMAND_PORTS, SAMPLE_PORTS, RemoteController, RemoteLink
 from twin.robot.run.cost import refuse_endless
 from twin.robot.run.trace import Trace
 from twin.studies.check.baseline import OWN_DRIVE, Baseline, baseline_folder_of
 from twin.studies.check.job import stored_baseline
-
-if TYPE_CHECKING:
-    from twin.robot.live.server import LiveServer
 
 WIRE_JOB = "twin.studies.serve.exchange:exchange"
 WATCHDOG_PERIODS = 5.0
@@ -66,7 +64,7 @@ class ServeOptions:
 
     Attributes:
         lockstep: whether each sample waits for its answer.
-        answer: time (s) without an answer after which a run in lockstep ends.
+        answer_s: time (s) without an answer after which a run in lockstep ends.
         commands: message type of commands: "joint" or "array".
         command_topic: topic of the commands; "" for the usual one of the type.
         watchdog, silence: see `RemoteLink`; a watchdog of None is `WATCHDOG_PERIODS`.
@@ -75,7 +73,7 @@ class ServeOptions:
     """
 
     lockstep: bool
-    answer: float
+    answer_s: float
     commands: str
     command_topic: str
     watchdog: float | None
@@ -266,23 +264,26 @@ def served_run(
         KeyboardInterrupt: Ctrl-C; the recording is whole.
     """
     asked, loaded = ServeOptions(**options), load_experiment(Path(experiment), settings, drive, body)
+    factor = None if asked.lockstep else 1.0
     if not sure:
-        refuse_endless([loaded], None if asked.lockstep else 1.0)
-    # a missing baseline is refused before anything is served
-    baseline = _baseline(Path(experiment), drive or OWN_DRIVE, baselines) if check else None
-    trace = Trace() if check else None
+        refuse_endless([loaded], factor)
+    baseline, trace = None, None
+    if check:
+        # a missing baseline is refused before anything is served
+        file, trace = experiment_file(Path(experiment)), Trace()
+        folder = Path(baselines) if baselines else baseline_folder_of(file, update=False)
+        baseline = stored_baseline(folder, file, drive or OWN_DRIVE)
 
     def say(text: str) -> None:
         reporter.note(line=text)
 
     with ExitStack() as stack:
         wire = stack.enter_context(WireProcess(say))
-        wire.start(wire_settings(loaded, asked, have_effort(planned_drives(loaded))))
+        wire.start(wire_settings(loaded, asked))
         robot = ServedRobot(wire, asked, loaded.controller_ticks * loaded.cosim.tick, trace)
         if not asked.lockstep and (refused := stack.enter_context(real_time(priority=SOURCE_PRIORITY))):
             say(refused)
-        viewer = stack.enter_context(_live_server(say, live)) if live else None
-        factor = None if asked.lockstep else 1.0
+        viewer = stack.enter_context(live_server(say, waits=False, **live)) if live else None
         try:
             run = record_run(
                 reporter, loaded, out, isolate_drives, limit_step, results, factor=factor, viewer=viewer, remote=robot
@@ -308,26 +309,13 @@ def served_run(
     return done
 
 
-def _live_server(say: Callable[[str], None], live: Mapping[str, Any]) -> "LiveServer":
-    return live_server(
-        announce=lambda address: say(f"serving {address}; viewers may come and go"),
-        warn=lambda refusal: say(f"refused: {refusal}"), waits=False, **live,
-    )  # fmt: skip
-
-
-def wire_settings(experiment: Experiment, options: ServeOptions, effort: bool) -> dict[str, Any]:
-    """Return the settings of the process of the topics."""
-    return {
-        "lockstep": options.lockstep,
-        "answer_s": options.answer,
-        "names": list(options.names),
-        "commands": options.commands,
-        "command_topic": options.command_topic,
-        "domain": options.domain,
+def wire_settings(experiment: Experiment, options: ServeOptions) -> dict[str, Any]:
+    """Return the settings of the process of the topics, see `exchange`."""
+    return asdict(options) | {
         "tick_s": experiment.cosim.tick,
         "counts_m": experiment.plant.motor_counts_per_turn,
         "counts_l": experiment.plant.joint_counts_per_turn,
-        "has_effort": effort,
+        "has_effort": have_effort(planned_drives(experiment)),
         "has_scale": experiment.scale is not None,
     }
 
@@ -345,14 +333,6 @@ def exchange_lines(facts: Mapping[str, Any]) -> list[str]:
         p50, p99, largest = (latency[key] for key in ("p50", "p99", "largest"))
         lines.append(f"from a command to the next sample {p50:.2f} ms, {p99:.2f} ms at 99 %, at most {largest:.2f} ms")
     return [*lines, *facts.get("notes", ())]
-
-
-def _baseline(experiment: Path, drive: str, folder: str | None) -> Baseline:
-    """Return the stored baseline of an experiment; refuse if there is none."""
-    from twin.robot.experiment.experiment_files import experiment_file
-
-    file = experiment_file(experiment)
-    return stored_baseline(Path(folder) if folder else baseline_folder_of(file, update=False), file, drive)
 
 
 def _compare(

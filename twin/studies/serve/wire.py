@@ -6,7 +6,7 @@ until a sample is there and publishes it, the other sleeps until a command arriv
 
 import time
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,24 +41,13 @@ WAIT_TIMEOUT = 0.05
 """Maximum time (s) of a wait, after which the end of the run is checked."""
 REPORT_PERIOD = 1.0
 """Time (s) between two reports of a wait for a controller."""
+FOREIGN_TEXT = "a second publisher; its command is not obeyed"
 MAX_EVENTS = 10
 """Maximum number of recorded events per reason; later ones are only counted."""
-
 
 _PLACES = port_slices(SAMPLE_PORTS)
 """Slices of a sample's values by port."""
 _COUNTS = slice(_PLACES["count_m"].start, _PLACES["count_l"].stop)
-
-
-class ReceivedCommand(NamedTuple):
-    """A command with its publisher.
-
-    Attributes:
-        obeyed: whether the publisher is the obeyed one.
-    """
-
-    obeyed: bool
-    command: MotorCommand
 
 
 class WireEvents:
@@ -122,10 +111,8 @@ class Publishers:
             # within a process a message may come before its publisher is listed
             self.update([*self.matched, publisher])
         if publisher in self.matched[1:] and now - self._heard > SILENCE_TIMEOUT:
-            silence = (
-                f"the publisher of commands was silent for {SILENCE_TIMEOUT:g} s; another one is obeyed from now on"
-            )
-            self._events.add("publisher replaced", silence)
+            silence = f"the publisher of commands was silent for {SILENCE_TIMEOUT:g} s"
+            self._events.add("publisher replaced", f"{silence}; another one is obeyed from now on")
             self.matched.remove(publisher)
             self.matched.insert(0, publisher)
         obeyed = self.matched[:1] == [publisher]
@@ -192,16 +179,12 @@ class Wire:
                 f"DDS cannot begin on domain {domain}; check CYCLONEDDS_URI and the network interfaces"
             ) from None
         self._discovery = TopicDiscovery(self._participant)
-        reliable, volatile = (
-            Policy.Reliability.Reliable(duration(seconds=MAX_BLOCKING_TIME)),
-            Policy.Durability.Volatile,
-        )
-        queue = Policy.History.KeepLast(QUEUE_DEPTH)
+        reliable = Policy.Reliability.Reliable(duration(seconds=MAX_BLOCKING_TIME))
+        volatile, queue = Policy.Durability.Volatile, Policy.History.KeepLast(QUEUE_DEPTH)
 
         def writer(name: str, kind: str, history: Any = queue) -> Any:
-            return DataWriter(
-                self._participant, raw_topic(self._participant, name, kind), Qos(reliable, volatile, history)
-            )
+            topic = raw_topic(self._participant, name, kind)
+            return DataWriter(self._participant, topic, Qos(reliable, volatile, history))
 
         self._joint_states = writer(JOINT_STATES_TOPIC, messages.JOINT_STATE)
         self._applied = writer(APPLIED_TOPIC, messages.JOINT_STATE)
@@ -244,7 +227,7 @@ class Wire:
         """Publish the motor speeds (rad/s) that are in effect from `stamp` (ns) on."""
         self._write(self._applied, self._applied_template.encode(stamp, speeds))
 
-    def receive(self, wait: float) -> list[ReceivedCommand]:
+    def receive(self, wait: float) -> list[MotorCommand]:
         """Return the commands received since the last call; wait up to `wait` (s) for the first one."""
         if wait > 0.0:
             self._waiting.wait(round(wait * 1e9))
@@ -256,7 +239,7 @@ class Wire:
                 if self.publishers.matched[:1] != [publisher]:
                     self._update_publishers()
                 command = messages.read_command(one.data, self.command_type, self.names[:MOTOR_COUNT])
-                found.append(ReceivedCommand(self.publishers.is_obeyed(publisher), command))
+                found.append(command._replace(obeyed=self.publishers.is_obeyed(publisher)))
         return found
 
     @property

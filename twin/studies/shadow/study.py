@@ -170,11 +170,8 @@ def shadow(
         beside, viewer = ahead.predicting_part if ahead else None, None
         twin = twin_of(loaded, model, robot.name, watched, adapt, beside, columns)
         if live:
-            server = live_server(
-                port, announce=lambda address: _print(f"serving {address}; viewers may come and go"),
-                warn=lambda refusal: _print(f"refused: {refusal}"), origins=origins, waits=False,
-            )  # fmt: skip
-            viewer = ShadowViewer(stack.enter_context(server), twin.topics, loaded, twin)
+            server = stack.enter_context(live_server(_print, port, origins, waits=False))
+            viewer = ShadowViewer(server, twin.topics, loaded, twin)
         duration = math.inf if duration_s is None else duration_s
         messages = columns if robot.has_messages else {}
         session = Session(
