@@ -133,7 +133,7 @@ class Beside:
         self.close()
         self._ahead = SessionBranches(self.experiment) if self._predicts else None
         ahead = self._ahead.predicting_part if self._ahead else None
-        twin = twin_of(self.experiment, self.model, source.name, AlarmWatch(limits, 0.01), ahead=ahead)
+        twin = twin_of(self.experiment, self.model, source.name, AlarmWatch({500.0: limits}, 0.01), ahead=ahead)
         columns = column_map([*MAPS, *COMMANDS, LATE]) if live else {}
         made = Session(
             source, columns, wanted_signals(belief), twin, self.model, 0.03, seconds, live, lambda text: None
@@ -222,7 +222,7 @@ def in_wall_time(beside: Beside, blocks: int, block: float, long: float) -> list
     session = beside.session(robot(), long)
     session._say = say
     # times of each of 600,000 samples would be memory that no session has
-    session._receiver._estimate = session._twin.estimate_at_once
+    session._receiver._estimate = session._twin.state.estimate_at_once
     session.wait_for_topics()
     wall, used = time.monotonic(), time.process_time()
     with tempfile.TemporaryDirectory() as folder:

@@ -80,7 +80,7 @@ def listening(address: str) -> Iterator[Listening]:
 
 
 @contextmanager
-def shown(twin: OneProposal, port: int = 0) -> Iterator[tuple[str, ShadowViewer]]:
+def shown(twin: Any, port: int = 0) -> Iterator[tuple[str, ShadowViewer]]:
     """(address, viewer) of a session with a twin that proposes."""
     told = list[str]()
     with LiveServer(port, told.append, waits=False) as server:

@@ -16,11 +16,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
+from tests.studies.shadow.robots import shipped_fleet
 from twin.robot.paths import PROJECT_FOLDER
 from twin.studies.replay.samples import RobotSamples
 from twin.studies.shadow.alarm import FIRST_BLOCKS, RateTolerances, ShadowWatch, tolerances_at
 from twin.studies.shadow.fleet import Fleet, block_means, read_fleet, transmit_samples, watch_blocks
-from twin.studies.shadow.tolerances import FLEET_FILE, PERIOD_FACTORS, shipped_fleet, tolerances_of
+from twin.studies.shadow.tolerances import FLEET_FILE, PERIOD_FACTORS, tolerances_of
 
 FIRST_SEED, BATCH = 1000, 500
 """Seed of the first robots, and number of robots per seed."""

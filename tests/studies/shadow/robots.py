@@ -21,7 +21,7 @@ from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.converge.monolith import ComponentStepper
 from twin.studies.replay.samples import RobotSamples, samples_of
 from twin.studies.shadow.filter_steps import Columns, filter_outputs, shadow_of
-from twin.studies.shadow.fleet import SCALE_SETTINGS
+from twin.studies.shadow.fleet import SCALE_SETTINGS, Fleet, read_fleet
 from twin.studies.shadow.layout import Noises, ShadowDrive
 
 EXPERIMENTS = Path(__file__).resolve().parents[3] / "experiments"
@@ -30,6 +30,11 @@ FIG4 = EXPERIMENTS / "fig4_force_position.toml"
 NOISE = ("plant.motor_noise_deg=0.05", "plant.joint_noise_deg=0.02")
 """More than half a count: rounding is white then (B. Widrow, IRE Trans. Circuit Theory 3 (1956) 266)."""
 STATE = ("p_B", "v_B", "theta_m", "omega_m", "F_ee_B")
+
+
+def shipped_fleet(experiment: Path, settings: tuple[str, ...] = ()) -> Fleet:
+    """The shipped healthy robots around an experiment."""
+    return read_fleet(FLEET, experiment, settings=settings)
 
 
 class Run(NamedTuple):

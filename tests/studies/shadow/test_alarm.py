@@ -1,5 +1,7 @@
 """The alarm: thresholds by the rate that is asked, sums, states; and what it finds, and when."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -102,7 +104,8 @@ def test_after_an_alarm_it_gathers_asks_and_cools_down():
         def answer(self) -> str:
             return "k_s of joint 2 was 1.000, is 0.93 +- 0.02"
 
-    watch = ShadowWatch(ONES, 1.0, gathering=3, cooling=4, reidentifier=Answers())
+    answers: Any = Answers()
+    watch = ShadowWatch(ONES, 1.0, gathering=3, cooling=4, reidentifier=answers)
     states = taken(watch, *[off(20.0)] * 9)
     assert states == ["gathering"] * 3 + ["cooling down"] * 4 + ["listening", "gathering"]
     # the block in which it began to grow is of both

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.studies.shadow.robots import EXPERIMENTS, STATE, true_state
+from tests.studies.shadow.robots import EXPERIMENTS, STATE, shipped_fleet, true_state
 from twin.kernel.cosim.delay import values_by_port
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import run_in_memory
@@ -18,7 +18,6 @@ from twin.studies.shadow.filter_steps import filter_outputs, shadow_of
 from twin.studies.shadow.fleet import ZERO_RANGE
 from twin.studies.shadow.following import twin_of
 from twin.studies.shadow.layout import FORCE, OUTPUTS, STATES
-from twin.studies.shadow.tolerances import shipped_fleet
 
 TASKS = ("fig4_force_position", "pressing", "tapping")
 

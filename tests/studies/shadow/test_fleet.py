@@ -10,7 +10,7 @@ from scipy.stats import poisson
 
 from tests.studies.replay.logs import drifting, softened
 from tests.studies.shadow.false_alarms import Count, FalseAlarmRate, counts, rates
-from tests.studies.shadow.robots import EXPERIMENTS, FIG4, FLEET, identified_fleet
+from tests.studies.shadow.robots import EXPERIMENTS, FIG4, FLEET, identified_fleet, shipped_fleet
 from twin.kernel.errors import InputRefused, TwinError
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
@@ -36,7 +36,7 @@ from twin.studies.shadow.fleet import (
     read_fleet,
     watch_blocks,
 )
-from twin.studies.shadow.tolerances import PERIOD_FACTORS, shipped_fleet, tolerances_of
+from twin.studies.shadow.tolerances import PERIOD_FACTORS, tolerances_of
 
 EVERY = 2
 """Ticks: samples at 500 Hz, the controller's."""

@@ -78,7 +78,7 @@ def test_the_state_is_that_of_the_filter_over_all_samples_and_a_command_holds_un
 
 
 def test_counts_that_jump_raise_the_alarm_and_those_of_a_healthy_robot_do_not():
-    limits = Tolerances(dict.fromkeys(CHANNELS, 1e9) | {"spread": 0.3}, dict.fromkeys(CHANNELS, 0.01))
+    limits = {500.0: Tolerances(dict.fromkeys(CHANNELS, 1e9) | {"spread": 0.3}, dict.fromkeys(CHANNELS, 0.01))}
     jump = "fault=[{kind='encoder_bias', target='joint_encoder_1', onset_s=3.0, magnitude_deg=0.3}]"
     levels = []
     for run in (ran(FIG4), ran(FIG4, jump)):
@@ -108,7 +108,7 @@ def test_another_rate_has_its_own_tolerances_and_what_is_normal_is_learnt_anew()
 
 
 def test_the_text_of_an_alarm_begins_with_its_caution():
-    limits = Tolerances(dict.fromkeys(CHANNELS, 1e9) | {"spread": 0.3}, dict.fromkeys(CHANNELS, 0.01))
+    limits = {500.0: Tolerances(dict.fromkeys(CHANNELS, 1e9) | {"spread": 0.3}, dict.fromkeys(CHANNELS, 0.01))}
     jump = "fault=[{kind='encoder_bias', target='joint_encoder_1', onset_s=3.0, magnitude_deg=0.3}]"
     twin = twin_of(EXPERIMENT, MODEL, "robot", AlarmWatch(limits, 1.0, caution=NOT_IDENTIFIED))
     twin.feed(said(ran(FIG4, jump)))

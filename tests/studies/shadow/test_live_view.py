@@ -112,7 +112,8 @@ def test_viewers_that_come_go_or_do_not_read_see_both_robots_and_change_nothing_
 
 
 def test_accept_takes_the_token_and_an_open_proposal_and_follows_it_once():
-    twin, told = OneProposal(), list[str]()
+    twin: Any = OneProposal()
+    told = list[str]()
     proposal, text = twin.proposal, "k_s of joint 2 was 1.000, is 0.930 +- 0.020 N m/rad"
     values = {"text": text, "field": "k_s_share", "leg": 1, "value": 0.93, "half_width": 0.02, "unit": "N m/rad"}
     with LiveServer(0, told.append, waits=False) as server:
@@ -179,12 +180,14 @@ def test_a_port_that_is_taken_is_refused_before_the_robot_is_waited_for(tmp_path
     ],
 )
 def test_what_is_no_acceptance_is_refused_in_a_sentence(name: str, value: object, expected: str):
+    nothing: Any = OneProposal()
+    nothing.proposal = None
     with pytest.raises(InputRefused, match=re.escape(expected)):
-        AcceptButton(None).request(name, value)
+        AcceptButton(nothing).request(name, value)
 
 
 def test_what_was_accepted_is_that_proposal_and_not_a_later_one():
-    twin = OneProposal()
+    twin: Any = OneProposal()
     button = AcceptButton(twin)
     button.request(ACCEPT_PARAMETER, True)
     twin.proposal = Adaptation(20.0, ())

@@ -100,7 +100,7 @@ def compare_at_once_with_slices(at_once: Twin, sliced: Twin, made: list[Sample])
 
     def estimate(sample: Sample) -> None:
         made.append(sample)
-        at_once.estimate_at_once(sample)
+        at_once.state.estimate_at_once(sample)
 
     one = receiver(robot, estimate)
     while not robot.at_end:
@@ -137,13 +137,13 @@ def test_the_time_in_hand_counts_from_when_a_sample_is_due_and_a_late_estimate_i
 def followed(robot: Robot, folder: Path, slow: float = 0.0) -> SessionSummary:
     """A session beside `robot`, whose 300th estimate takes so long (s)."""
     twin, count = twin_of(EXPERIMENT, MODEL, "robot"), iter(range(10**6))
-    at_once = twin.estimate_at_once
+    at_once = twin.state.estimate_at_once
 
     def delayed(sample: Sample) -> None:
         time.sleep(slow if next(count) == 300 else 0.0)
         at_once(sample)
 
-    twin.estimate_at_once = delayed  # type: ignore[method-assign]
+    twin.state.estimate_at_once = delayed  # type: ignore[method-assign]
     session = Session(robot, {}, {}, twin, MODEL, 0.03, np.inf, True, lambda text: None)
     session.wait_for_topics()
     return session.follow(lambda: folder / "run.mcap")

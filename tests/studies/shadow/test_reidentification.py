@@ -227,7 +227,7 @@ def test_samples_go_on_while_it_is_looked_for(monkeypatch: pytest.MonkeyPatch):
 def followed(adapts: bool) -> tuple[Twin, AlarmWatch, np.ndarray, list[str]]:
     """A twin beside a robot whose second spring is softer from 2 s on; its residual torque 2, and what happened."""
     limits = Tolerances(dict.fromkeys(CHANNELS, 1e9) | {"torque 2": 5e-4}, dict.fromkeys(CHANNELS, 6e-5))
-    watched = AlarmWatch(limits, 1.0, Reidentifier(TWIN, wait=True))
+    watched = AlarmWatch({500.0: limits}, 1.0, Reidentifier(TWIN, wait=True))
     twin = twin_of(TWIN, model_of(TWIN), "robot", watched, adapts)
     samples = robot(softened((2,), 4.0, 0.93))
     residual, texts = [], []

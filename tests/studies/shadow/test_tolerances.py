@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.studies.shadow.robots import EXPERIMENTS
+from tests.studies.shadow.robots import EXPERIMENTS, shipped_fleet
 from twin.robot.assembly.load import load_experiment
 from twin.studies.shadow.alarm import CHANNELS, RateTolerances, Tolerances, tolerances_at
 from twin.studies.shadow.fleet import fleet_limits
@@ -14,7 +14,6 @@ from twin.studies.shadow.tolerances import (
     finds_faults,
     fleet_digest,
     read_tolerances,
-    shipped_fleet,
     tolerances_of,
     write_tolerances,
 )

@@ -21,7 +21,7 @@ from twin.studies.panel import Panel, PanelCurve, Reader, Samples
 from twin.studies.result import count_text
 from twin.studies.shadow.alarm import nis_per_count
 from twin.studies.shadow.branching import LEAD_SPACING, LEAD_TIMES, PREDICTION_HORIZON
-from twin.studies.shadow.verdict import RunningStatistics
+from twin.studies.shadow.statistics import RunningStatistics
 
 MAX_GAPS = 30
 """Maximum number of gaps that are listed, the longest ones."""

@@ -38,6 +38,7 @@ from twin.studies.shadow.branching import LEAD_TIMES, PREDICTION_HORIZON, Branch
 from twin.studies.shadow.contact_estimate import ContactEstimate
 from twin.studies.shadow.following import OwnController, PlantPart, RobotState
 from twin.studies.shadow.layout import FORCE, OUTPUTS, POSITION, VELOCITY
+from twin.studies.shadow.statistics import RunningStatistics
 
 PREDICTION_PERIOD = 0.5
 """Time between two predictions (s)."""
@@ -144,40 +145,6 @@ def band(
 
 
 @dataclass
-class ForceDifference:
-    """Running statistics of the difference between two forces: rms and largest value.
-
-    Attributes:
-        square, count: sum of the squared differences (N^2), and their number.
-        largest, largest_time: difference of largest size (N), and its time (s).
-    """
-
-    square: float = 0.0
-    count: int = 0
-    largest: float = 0.0
-    largest_time: float = math.nan
-
-    JSON_KEYS = "rms_N=rms largest_N=largest at_s=largest_time"
-
-    def add(self, t: NDArray[np.float64], away: NDArray[np.float64]) -> None:
-        """Add force differences (n,), N, at times `t` (n,), s, to the statistics; NaN is skipped."""
-        there = np.isfinite(away)
-        if not there.all():
-            t, away = t[there], away[there]
-        if not len(away):
-            return
-        self.square, self.count = self.square + float((away**2).sum()), self.count + len(away)
-        worst = int(np.abs(away).argmax())
-        if abs(away[worst]) > abs(self.largest):
-            self.largest, self.largest_time = float(away[worst]), float(t[worst])
-
-    @property
-    def rms(self) -> float:
-        """Root mean square of the force differences (N); NaN without differences."""
-        return math.sqrt(self.square / self.count) if self.count else math.nan
-
-
-@dataclass
 class PredictionScore:
     """Score of a session's predictions, against the estimates that followed.
 
@@ -194,13 +161,19 @@ class PredictionScore:
     banded: int = 0
     in_band: int = 0
     no_band: str = ""
-    error: ForceDifference = field(default_factory=ForceDifference)
-    hold_error: ForceDifference = field(default_factory=ForceDifference)
-    what_if_differences: dict[str, ForceDifference] = field(default_factory=dict)
+    error: RunningStatistics = field(default_factory=RunningStatistics)
+    hold_error: RunningStatistics = field(default_factory=RunningStatistics)
+    what_if_differences: dict[str, RunningStatistics] = field(default_factory=dict)
 
-    JSON_KEYS = (
-        "predictions in_band=share error_rms_N=error.rms last_value_rms_N=hold_error.rms what_if=what_if_differences"
-    )
+    JSON_KEYS = "predictions in_band=share error_rms_N=error.rms last_value_rms_N=hold_error.rms what_if"
+
+    @property
+    def what_if(self) -> dict[str, dict[str, float]]:
+        """Differences from the prediction by `--what-if`, with units."""
+        return {
+            name: {"rms_N": one.rms, "largest_N": one.largest, "at_s": one.largest_time}
+            for name, one in self.what_if_differences.items()
+        }
 
     @property
     def share(self) -> float:
@@ -245,7 +218,7 @@ class SessionBranches:
         limit: float = math.inf,
         start: float = SETTLING_TIME,
     ):
-        self.score = PredictionScore(what_if_differences={name: ForceDifference() for name in changed})
+        self.score = PredictionScore(what_if_differences={name: RunningStatistics() for name in changed})
         self.moves = bool(surface_motions(experiment.contact))
         self.taps = [number for number, task in enumerate(experiment.tasks, 1) if isinstance(task, Tap)]
         self.limit, self.start = limit, start

@@ -17,12 +17,15 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.errors import InputRefused
+
+if TYPE_CHECKING:
+    from twin.studies.shadow.reidentification import Reidentifier
 
 Columns = Mapping[str, NDArray[np.float64]]
 BLOCK_LENGTH = 1.0
@@ -63,13 +66,11 @@ def run_length(H: float) -> float:
     return 2.0 * (math.expm1(b) - b)
 
 
-def threshold(
-    per_hour: float, block: float = BLOCK_LENGTH, sides: int = SUM_COUNT, reserve: float = RATE_RESERVE
-) -> float:
-    """Compute the alarm threshold H, by sigma, for a rate of false alarms per hour over all `sides` together."""
+def threshold(per_hour: float) -> float:
+    """Compute the alarm threshold H, by sigma, for a rate of false alarms per hour over all sums together."""
     if not 1e-6 <= per_hour <= 100.0:
         raise InputRefused(f"{per_hour:g} false alarms an hour: expected 1e-6 to 100")
-    wanted = 3600.0 / block * sides * reserve / per_hour
+    wanted = 3600.0 / BLOCK_LENGTH * SUM_COUNT * RATE_RESERVE / per_hour
     low, high = 0.0, 60.0
     while high - low > 1e-9:
         middle = 0.5 * (low + high)
@@ -83,6 +84,10 @@ class Tolerances:
 
     tolerance: Mapping[str, float]
     sigma: Mapping[str, float]
+
+    def of_channel(self, name: str) -> tuple[float, float]:
+        """Return tolerance and sigma of a channel; NaN if unknown."""
+        return self.tolerance.get(name, math.nan), self.sigma.get(name, math.nan)
 
 
 RateTolerances = Mapping[float, Tolerances]
@@ -153,10 +158,9 @@ class _Sum:
 
 
 class Blocks:
-    """Averaging of the filter's outputs over blocks of `length` (s), updated with samples or slices."""
+    """Averaging of the filter's outputs over blocks of `BLOCK_LENGTH`, updated with samples or slices."""
 
-    def __init__(self, length: float = BLOCK_LENGTH):
-        self._length = length
+    def __init__(self) -> None:
         self._start, self._settled = math.nan, -math.inf
         self._sums, self._counts, self._samples = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS)), 0
         self._most, self._anew = 0, math.inf
@@ -185,7 +189,7 @@ class Blocks:
     def _stretch(self, t: NDArray[np.float64], values: NDArray[np.float64]) -> Iterator[tuple[float, NDArray]]:
         begin = int(np.searchsorted(t, self._start))
         while begin < len(t):
-            end = int(np.searchsorted(t, self._start + self._length))
+            end = int(np.searchsorted(t, self._start + BLOCK_LENGTH))
             part = values[begin:end]
             there = ~np.isnan(part)
             self._sums += np.where(there, part, 0.0).sum(axis=0)
@@ -196,9 +200,9 @@ class Blocks:
             self._most = max(self._most, self._samples)
             if self._samples >= MIN_BLOCK_SHARE * self._most:
                 with np.errstate(invalid="ignore"):
-                    yield self._start + self._length, self._sums / self._counts
+                    yield self._start + BLOCK_LENGTH, self._sums / self._counts
             # a gap of hours makes no blocks
-            self._start += self._length * max(1.0, math.floor((t[end] - self._start) / self._length))
+            self._start += BLOCK_LENGTH * max(1.0, math.floor((t[end] - self._start) / BLOCK_LENGTH))
             self._clear()
             begin = end
 
@@ -221,16 +225,6 @@ def nis_per_count(NIS: NDArray[np.float64], used: NDArray) -> NDArray[np.float64
         return np.asarray(NIS / used, dtype=float)
 
 
-class ParameterFinder(Protocol):
-    """Interface of the search for the changed parameter after an alarm."""
-
-    def ask(self, since: float, t: float) -> None:
-        """Start the search for the changed parameter in the samples since `since`, at `t` (s)."""
-
-    def answer(self) -> str:
-        """Return the result of the search for the changed parameter as a sentence; "" while the search is running."""
-
-
 class ShadowWatch:
     """Watch on a robot: Page's cumulative sums over the block means, and the alarm's state machine.
 
@@ -239,7 +233,6 @@ class ShadowWatch:
         gathering: number of blocks after an alarm that are collected for a re-identification.
         cooling: number of blocks after that without a watch.
         reidentifier: called once after each alarm.
-        block: length of a block (s).
         share: factor of threshold and tolerance; below 1 the rate of false alarms is not kept (for tests).
     """
 
@@ -249,14 +242,13 @@ class ShadowWatch:
         per_hour: float,
         gathering: int = 10,
         cooling: int = 10,
-        reidentifier: ParameterFinder | None = None,
-        block: float = BLOCK_LENGTH,
+        reidentifier: "Reidentifier | None" = None,
         share: float = 1.0,
     ):
         self.state, self.changes = WatchState.LISTENING, list[WatchEvent]()
         self.levels = dict.fromkeys(CHANNELS, 0.0)
-        self._limits, self._block, self._share = limits, block, share
-        self._H = share * threshold(per_hour, block)
+        self._limits, self._share = limits, share
+        self._H = share * threshold(per_hour)
         self._gathering, self._cooling = gathering, cooling
         self._reidentifier = reidentifier
         self._normal: list[NDArray[np.float64]] = []
@@ -286,10 +278,7 @@ class ShadowWatch:
 
     def _refuse_other_beginning(self, t: float) -> None:
         """Stop comparing commands that differ in the first blocks: the programs did not begin together."""
-        tolerance, sigma = (
-            self._limits.tolerance.get(COMMAND_CHANNEL, math.nan),
-            self._limits.sigma.get(COMMAND_CHANNEL, math.nan),
-        )
+        tolerance, sigma = self._limits.of_channel(COMMAND_CHANNEL)
         if self._compares and self._normal[-1][list(CHANNELS).index(COMMAND_CHANNEL)] > tolerance + self._H * sigma:
             self._compares = False
             self._change_state(
@@ -324,7 +313,7 @@ class ShadowWatch:
         if self._reidentifier is not None:
             if self.state is WatchState.GATHERING:
                 # the sum's growth began within a block, which is partly from before the change
-                self._reidentifier.ask(self._alarm.since + self._block, t)
+                self._reidentifier.ask(self._alarm.since + BLOCK_LENGTH, t)
             found = self._reidentifier.answer()
         if self.state is WatchState.GATHERING:
             self._change_state(WatchEvent(t, WatchState.REIDENTIFYING))
@@ -343,7 +332,7 @@ class ShadowWatch:
         for k, name in enumerate(CHANNELS):
             if name == COMMAND_CHANNEL and not self._compares:
                 continue
-            tolerance, sigma = self._limits.tolerance.get(name, math.nan), self._limits.sigma.get(name, math.nan)
+            tolerance, sigma = self._limits.of_channel(name)
             K = self._share * tolerance + 0.5 * sigma
             # channels without tolerance or value are skipped
             if math.isfinite(shift[k] - K):
@@ -365,7 +354,7 @@ class ShadowWatch:
         for side, step in (("up", shift - K), ("low", -shift - K)):
             before = getattr(one, side)
             if before == 0.0:
-                setattr(one, f"{side}_since", t - self._block)
+                setattr(one, f"{side}_since", t - BLOCK_LENGTH)
             setattr(one, side, max(0.0, before + step))
         if one.up == 0.0 and one.low == 0.0:
             one.taken.clear()
@@ -376,7 +365,7 @@ class ShadowWatch:
     def _evidence(self, t: float, state: WatchState, name: str, level: float, alarm: bool = False) -> WatchEvent:
         one = self._sums[name]
         since = one.up_since if one.up >= one.low else one.low_since
-        blocks = max(1, round((t - since) / self._block))
+        blocks = max(1, round((t - since) / BLOCK_LENGTH))
         return WatchEvent(t, state, name, level, since, float(np.mean(one.taken[-blocks:])), alarm=alarm)
 
     def _change_state(self, change: WatchEvent) -> None:

@@ -282,7 +282,7 @@ class Shadow(NativeComponent):
     Args:
         parameters: parameters of the plant; of the contact only the stiffness is used, and no dry friction.
         believed: belief that converts counts to angles.
-        sensors, drive, noises: see these types.
+        sensors, drive: see these types.
     """
 
     def __init__(
@@ -291,11 +291,10 @@ class Shadow(NativeComponent):
         believed: Belief,
         sensors: Sensors,
         drive: ShadowDrive,
-        noises: Noises = Noises(),  # noqa: B008, it is a tuple
     ):
         memory = memory_of(
             MEMORY, parameters=_without_dry_friction(parameters), belief=tuple(believed), sensors=tuple(sensors),
-            drive=tuple(drive), noises=tuple(noises), anchors=INITIAL_ANCHORS,
+            drive=tuple(drive), noises=tuple(Noises()), anchors=INITIAL_ANCHORS,
         )  # fmt: skip
         super().__init__("shadow", INPUTS, OUTPUTS, True, step, memory)
         self.finite = False

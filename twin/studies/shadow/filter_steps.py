@@ -12,7 +12,7 @@ from twin.studies.converge.monolith import servos
 from twin.studies.replay.sample_columns import INPUTS
 from twin.studies.replay.samples import RobotSamples
 from twin.studies.shadow.filter import Shadow
-from twin.studies.shadow.layout import OUTPUTS, Noises, Sensors, ShadowDrive
+from twin.studies.shadow.layout import OUTPUTS, Sensors, ShadowDrive
 
 Columns = dict[str, NDArray[np.float64]]
 UNKNOWN_DRIVE = ShadowDrive(lag=0.02, droop=0.0, inertia=1e-4, wander=20.0)
@@ -28,7 +28,6 @@ def shadow_of(experiment: Experiment) -> Shadow:
         belief(experiment),
         Sensors(plant.motor_noise, plant.joint_noise),
         drive_model(experiment),
-        Noises(),
     )
 
 

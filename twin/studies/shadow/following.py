@@ -34,7 +34,6 @@ from twin.studies.shadow.alarm import (
     Blocks,
     RateTolerances,
     ShadowWatch,
-    Tolerances,
     WatchEvent,
     rate_of,
     threshold,
@@ -200,7 +199,7 @@ class AlarmWatch:
     """Part of the twin that raises the alarm, with the requested rate of false alarms.
 
     Args:
-        limits: tolerances, or tolerances by sampling rate (Hz), chosen by the rate of the first second.
+        limits: tolerances by sampling rate (Hz), chosen by the rate of the first second.
         reidentifier: search for the changed parameter; None for no search.
         caution: begins the text of each alarm.
 
@@ -209,11 +208,7 @@ class AlarmWatch:
     """
 
     def __init__(
-        self,
-        limits: Tolerances | RateTolerances,
-        per_hour: float,
-        reidentifier: Reidentifier | None = None,
-        caution: str = "",
+        self, limits: RateTolerances, per_hour: float, reidentifier: Reidentifier | None = None, caution: str = ""
     ):
         self._limits, self._per_hour, self._blocks = limits, per_hour, Blocks()
         self._caution = f"{caution}; " if caution else ""
@@ -233,25 +228,21 @@ class AlarmWatch:
 
     def change_rate(self, t: float, rate: float) -> None:
         """Switch the alarm to the tolerances of another sampling rate (Hz) from `t` (s), and learn a new reference."""
-        if self._count and not isinstance(self._limits, Tolerances):
+        if self._count:
             self._blocks.change_rate()
             self._choose(t, rate)
 
     def _choose(self, t: float, rate: float) -> None:
         """Choose the alarm's tolerances for a sampling rate (Hz) at `t` (s)."""
-        limits, self._is_known = self._limits, True
-        if not isinstance(limits, Tolerances):
-            known = ", ".join(f"{one:.4g}" for one in limits) or "no"
-            found = tolerances_at(limits, rate)
-            if found is None:
-                self.why_not = f"the robot is sampled at {rate:.4g} Hz; there are tolerances for {known} Hz"
-                self.why_not += "; at another rate a spring 20 % softer or a dead drive may not be found"
-                self.happenings.append(Happening(t, f"no alarm: {self.why_not}"))
-                self._is_known = False
-                self.lose(t, self.why_not)
-                return
-            limits = found
-        if self._watch is None:
+        limits = tolerances_at(self._limits, rate)
+        self._is_known = limits is not None
+        if limits is None:
+            known = ", ".join(f"{one:.4g}" for one in self._limits) or "no"
+            self.why_not = f"the robot is sampled at {rate:.4g} Hz; there are tolerances for {known} Hz"
+            self.why_not += "; at another rate a spring 20 % softer or a dead drive may not be found"
+            self.happenings.append(Happening(t, f"no alarm: {self.why_not}"))
+            self.lose(t, self.why_not)
+        elif self._watch is None:
             self._watch = ShadowWatch(limits, self._per_hour, reidentifier=self.reidentifier)
         else:
             self._watch.change_tolerances(t, limits)
@@ -311,6 +302,7 @@ class Twin:
     Attributes:
         state: part that estimates samples as they arrive; may be inside another part.
         check: check of the column map.
+        watched: part that raises alarms; None for no alarm.
         plant_parts: parts that depend on the plant.
         records_calls: whether only rows at controller calls are recorded, `[recording] rate`.
     """
@@ -318,9 +310,10 @@ class Twin:
     parts: Sequence[Part]
     state: RobotState
     check: MapCheck
-    plant_parts: Sequence[PlantPart] = ()
-    adapts: bool = False
-    records_calls: bool = False
+    watched: AlarmWatch | None
+    plant_parts: Sequence[PlantPart]
+    adapts: bool
+    records_calls: bool
 
     @property
     def topics(self) -> dict[str, tuple[Port, ...]]:
@@ -344,13 +337,9 @@ class Twin:
             for topic, own in rows.items()
         }
 
-    def estimate_at_once(self, sample: Sample) -> None:
-        """Estimate the robot's state from a sample at once, before its slice is complete."""
-        self.state.estimate_at_once(sample)
-
     @property
     def _reidentifier(self) -> Reidentifier | None:
-        return next((part.reidentifier for part in self.parts if isinstance(part, AlarmWatch)), None)
+        return self.watched.reidentifier if self.watched else None
 
     @property
     def proposal(self) -> Adaptation | None:
@@ -364,8 +353,8 @@ class Twin:
         """Accept `proposal` in all parts, between two `feed` of the same thread; return whether it was open."""
         if proposal is not self.proposal:
             return False
-        (watched,) = (part for part in self.parts if isinstance(part, AlarmWatch))
-        plant = watched.accept(proposal)
+        assert self.watched is not None
+        plant = self.watched.accept(proposal)
         for part in self.plant_parts:
             part.accept(plant)
         return True
@@ -402,4 +391,5 @@ def twin_of(
     alarm: list[Part] = [watched] if watched else []
     on_plant = (plant, *(followed or [state]))
     records_calls = experiment.recording.rate == "controller"
-    return Twin([Estimates(model, check), plant, *rest, *alarm], state, check, on_plant, adapts, records_calls)
+    parts = [Estimates(model, check), plant, *rest, *alarm]
+    return Twin(parts, state, check, watched, on_plant, adapts, records_calls)

@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ from twin.robot.scene import (
 from twin.studies.replay.parts import Happening, Rows
 from twin.studies.replay.recording import NANOSECOND_TICK
 from twin.studies.shadow import ACCEPT_PARAMETER, ACCEPTED_PARAMETER, LINE_PARAMETER, PROPOSAL_PARAMETER
+from twin.studies.shadow.following import Twin
 from twin.studies.shadow.reidentification import Adaptation
 
 if TYPE_CHECKING:
@@ -41,21 +42,6 @@ if TYPE_CHECKING:
 
 MODEL_PREFIX = "plant/"
 """Prefix of the frames of the plant model; the robot's frames have the names of a run."""
-
-
-class ProposingTwin(Protocol):
-    """Interface of a twin that proposes changes of its parameters."""
-
-    @property
-    def proposal(self) -> object | None:
-        """Open proposal of changed parameters, with a sentence as its text; None without a proposal. Thread-safe."""
-
-    @property
-    def adaptations(self) -> Sequence[Adaptation]:
-        """Changes of parameters accepted so far. Thread-safe."""
-
-    def accept(self, proposal: Any, /) -> bool:
-        """Accept `proposal` if it is still open, and return whether it was; called between two slices."""
 
 
 def accepted_values(accepted: Sequence[Adaptation]) -> str:
@@ -73,21 +59,19 @@ def accepted_values(accepted: Sequence[Adaptation]) -> str:
 
 
 class AcceptButton:
-    """Thread-safe viewer parameters: button `shadow.accept`, proposal (if `twin` proposes), status line."""
+    """Thread-safe viewer parameters: button `shadow.accept`, proposal of the twin, status line."""
 
-    def __init__(self, twin: ProposingTwin | None):
+    def __init__(self, twin: Twin):
         self._twin, self.line = twin, ""
-        self._asked: object | None = None
+        self._asked: Adaptation | None = None
         self._lock = threading.Lock()
 
     def values(self) -> Mapping[str, bool | float | str]:
         """Present values of the session's viewer parameters by name; see `Parameters`."""
-        accepted = accepted_values(self._twin.adaptations if self._twin else ())
-        proposal = str(self._open_proposal() or "")
         return {
             ACCEPT_PARAMETER: self._asked is not None,
-            PROPOSAL_PARAMETER: proposal,
-            ACCEPTED_PARAMETER: accepted,
+            PROPOSAL_PARAMETER: str(self._twin.proposal or ""),
+            ACCEPTED_PARAMETER: accepted_values(self._twin.adaptations),
             LINE_PARAMETER: self.line,
         }
 
@@ -105,7 +89,7 @@ class AcceptButton:
             raise InputRefused(
                 f"{ACCEPT_PARAMETER} = {value!r}: expected true, which accepts what {PROPOSAL_PARAMETER} says"
             )
-        proposal = self._open_proposal()
+        proposal = self._twin.proposal
         if value and proposal is None:
             raise InputRefused(f"{ACCEPT_PARAMETER}: there is no proposal to accept")
         with self._lock:
@@ -115,12 +99,9 @@ class AcceptButton:
         """Accept the proposal requested by a viewer. Return an error message, "" on success, None without a request."""
         with self._lock:
             asked, self._asked = self._asked, None
-        if asked is None or self._twin is None:
+        if asked is None:
             return None
         return "" if self._twin.accept(asked) else f"not accepted, for it is not open any more: {asked}"
-
-    def _open_proposal(self) -> object | None:
-        return self._twin.proposal if self._twin else None
 
 
 class TwoRobots:
@@ -159,11 +140,7 @@ class ShadowViewer:
     """Connection to viewers through a server that never waits; slow viewers do not delay the session."""
 
     def __init__(
-        self,
-        server: "LiveServer",
-        topics: Mapping[str, tuple[Port, ...]],
-        experiment: Experiment,
-        twin: ProposingTwin | None = None,
+        self, server: "LiveServer", topics: Mapping[str, tuple[Port, ...]], experiment: Experiment, twin: Twin
     ):
         self._server, self._button = server, AcceptButton(twin)
         self._places, whole, end = dict[str, slice](), list[bool](), 0

@@ -64,8 +64,8 @@ class ShadowRecording:
             self._writer.write_at(topic, times[there], own[there])
         self._writer.end_slice()
 
-    def event(self, happening: Happening, level: str = "WARNING") -> None:
-        self._writer.write_event(max(0, round(happening.t / NANOSECOND_TICK)), level, happening.text, "shadow")
+    def event(self, happening: Happening) -> None:
+        self._writer.write_event(max(0, round(happening.t / NANOSECOND_TICK)), "WARNING", happening.text, "shadow")
 
     def flush(self) -> None:
         """Flush the recording to the operating system, so that the data survive a crash of this process."""

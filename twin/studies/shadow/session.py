@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
@@ -27,7 +28,7 @@ from twin.studies.replay.sample_columns import INPUTS
 from twin.studies.replay.samples import RobotSamples
 from twin.studies.result import count_text
 from twin.studies.shadow.alarm import nis_per_count
-from twin.studies.shadow.following import AlarmWatch, Twin
+from twin.studies.shadow.following import Twin
 from twin.studies.shadow.layout import OUTPUTS
 from twin.studies.shadow.live_view import ShadowViewer
 from twin.studies.shadow.mapping import ENCODER_COLUMNS, NS_PER_SECOND
@@ -35,13 +36,7 @@ from twin.studies.shadow.receiving import SLICE_TIME, Receiver
 from twin.studies.shadow.recording import ShadowRecording
 from twin.studies.shadow.sources import waiting_hint
 from twin.studies.shadow.text import LINE_WIDTH, shadow_facts, status_line
-from twin.studies.shadow.verdict import (
-    PLANT_JOINT,
-    SIGNAL_COLUMNS,
-    RunningStatistics,
-    SessionSummary,
-    gross_disagreement,
-)
+from twin.studies.shadow.verdict import PLANT_JOINT, SIGNAL_COLUMNS, SessionSummary, gross_disagreement
 
 LINE_PERIOD = 0.25
 """Time between two status lines (s)."""
@@ -62,6 +57,9 @@ LONGEST_STEP = 1e6
 MAX_EVENTS_PER_KIND = 1000
 """Maximum number of recorded events per kind, so that bad samples cannot fill the disk."""
 
+RESIDUAL_NAMES = {"residual/force": "force", "residual/joints": PLANT_JOINT, "residual/command": "command"}
+"""Topic of a residual -> its name in the summary, without the number of the joint."""
+
 Say = Callable[[str], None]
 
 
@@ -75,7 +73,6 @@ class Session:
         duration: maximum length (s) by the robot's stamps; infinite for no limit.
         live: whether the source is live, so that silence is an event.
         announce: receives messages for terminals without a status line.
-        watched: part of `twin` that raises alarms, if any.
     """
 
     def __init__(
@@ -90,22 +87,21 @@ class Session:
         live: bool,
         say: Say,
         announce: Say = lambda text: None,
-        watched: AlarmWatch | None = None,
         viewer: ShadowViewer | None = None,
     ):
         self._source, self._columns, self._wanted = source, columns, wanted
         self._twin, self._model, self._live, self._say = twin, model, live, say
         self._duration, self._announce = duration, announce
-        self._watched, self._viewer = watched, viewer
+        self._watched, self._viewer = twin.watched, viewer
         self._happenings: list[Happening] = []
         self._readers: dict[str, MessageReader] = {}
         self._others: list[ForeignTopic] = []
         self._aligner = Aligner(width(INPUTS), list(ENCODER_COLUMNS), lateness, learns_first=not live)
         # a log is fastest in slices; a live robot needs each estimate at once
-        self._receiver = Receiver(source, self._readers, self._aligner, twin.estimate_at_once if live else None)
+        self._receiver = Receiver(source, self._readers, self._aligner, twin.state.estimate_at_once if live else None)
         self._recording: ShadowRecording | None = None
         self._before: list[Arrival] = []
-        self._events: dict[str, int] = {}
+        self._events = Counter[str]()
         self._several: dict[str, int] = {}
         self._unread = 0
         self._noted = Counts()
@@ -146,14 +142,12 @@ class Session:
         hint = nearest(missing[0], seen, f"topics here: {there}" if there else "no topics here yet")
         if not self._live:
             raise LogError(f"{self._source.name}: no topic {missing[0]}; {hint}")
-        self._report_once(f"waiting for {', '.join(missing)}; {hint}")
-        time.sleep(0.1)
-
-    def _report_once(self, text: str) -> None:
+        text = f"waiting for {', '.join(missing)}; {hint}"
         if text != self._announced:
             self._announced = text
             self._announce(text)
         self._say(text)
+        time.sleep(0.1)
 
     def follow(self, path: Callable[[], Path]) -> SessionSummary:
         """Follow the robot to the end of source or duration, or Ctrl-C; the first sample calls `path`."""
@@ -213,7 +207,7 @@ class Session:
     def _process_slice(self, end: bool = False) -> bool:
         """Process one slice of samples: rows, recording and live view. Return whether samples have arrived."""
         if self._viewer and (text := self._viewer.press()):
-            self._record_event(Happening(self._t, text), "accepted")
+            self._record_event("accepted", text)
         received = self._receiver.drain(end)
         arrivals, samples = received.arrivals, received.samples
         if self._recording is None:
@@ -240,15 +234,14 @@ class Session:
             )  # fmt: skip
         if received.unread:
             count = count_text(len(received.unread), "message")
-            self._record_event(Happening(self._t, f"{count} unreadable: {received.unread[-1]}"), "message")
+            self._record_event("message", f"{count} unreadable: {received.unread[-1]}")
             if not self._unread:
                 self._announce(received.unread[0])
             self._unread += len(received.unread)
         self._recording.write(arrivals, times, self._twin.rows_to_record(rows))
         if received.late:
-            late = count_text(len(received.late), "estimate")
-            what = f"{late} later than a period after the sample, by {1e3 * max(received.late):.3g} ms at most"
-            self._record_event(Happening(self._t, what), "deadline")
+            late, most = count_text(len(received.late), "estimate"), 1e3 * max(received.late)
+            self._record_event("deadline", f"{late} later than a period after the sample, by {most:.3g} ms at most")
         self._note_happenings()
         if self._viewer:
             self._viewer.show(times, rows, self._happenings)
@@ -256,54 +249,45 @@ class Session:
         return bool(samples)
 
     def _add_residuals(self, t: NDArray[np.float64], rows: Rows) -> None:
-        for topic, name in (
-            ("residual/force", "force"),
-            ("residual/joints", PLANT_JOINT),
-            ("residual/command", "command"),
-        ):
-            if topic not in rows:
-                continue
-            for i, column in enumerate(rows[topic].T):
-                key = name if rows[topic].shape[1] == 1 else f"{name} {i + 1}"
-                self.followed.residuals.setdefault(key, RunningStatistics()).add(t, column)
+        residuals = self.followed.residuals
+        for topic, name in RESIDUAL_NAMES.items():
+            for i, column in enumerate(rows[topic].T if topic in rows else ()):
+                residuals[name if rows[topic].shape[1] == 1 else f"{name} {i + 1}"].add(t, column)
         y = values_by_port(OUTPUTS, rows["shadow"])
-        NIS = np.where(y["moves"] > 0.0, nis_per_count(y["NIS"], y["used"]), math.nan)
-        self.followed.residuals.setdefault("NIS", RunningStatistics()).add(t, NIS)
+        residuals["NIS"].add(t, np.where(y["moves"] > 0.0, nis_per_count(y["NIS"], y["used"]), math.nan))
         self.followed.map_error = self._twin.check.map_error
-        if not self._gross and (found := gross_disagreement(self.followed.residuals, self.followed.map_error)):
+        if not self._gross and (found := gross_disagreement(residuals, self.followed.map_error)):
             self._gross = found.text
-            self._record_event(Happening(float(t[-1]), found.text), "gross")
+            self._record_event("gross", found.text, float(t[-1]))
             self._announce(f"{self._source.name}: {found.text}")
         if "alarm" in rows and np.any(there := np.isfinite(rows["alarm"])):
             self._level = float(rows["alarm"][there][-1])
 
     def _note_happenings(self) -> None:
         for one in self._twin.happenings():
-            self._record_event(one, one.text[:20])
+            self._record_event(one.text[:20], one.text, one.t)
         with self._receiver.lock:
             gaps, self._aligner.gaps = self._aligner.gaps, []
             noted, now = self._noted, replace(self._aligner.counts)
         for start, end in gaps:
             # single lost samples are only counted, so that they do not fill the list of events
             if end - start > LONGEST_GAP * 1e9:
-                self._record_event(Happening(end / 1e9, f"no samples for {(end - start) / 1e9:.3g} s"), "gap")
+                self._record_event("gap", f"no samples for {(end - start) / 1e9:.3g} s", end / 1e9)
         if now.restarts > noted.restarts:
             step = self._aligner.clock_step
             what = f"was set by {step:+.3f} s" if abs(step) < LONGEST_STEP else "has restarted"
-            self._record_event(Happening(self._t, f"the robot's clock {what}; time continues by arrivals"), "restart")
-        period = self._aligner.period
-        before = self._last_period
+            self._record_event("restart", f"the robot's clock {what}; time continues by arrivals")
+        period, before = self._aligner.period, self._last_period
         if period < math.inf == before:
             self._last_period = period
         elif period < math.inf and abs(period - before) >= RATE_CHANGE * before:
-            what = f"the rate has changed from {1e9 / before:.4g} to {1e9 / period:.4g} Hz"
-            self._record_event(Happening(self._t, what), "rate")
+            self._record_event("rate", f"the rate has changed from {1e9 / before:.4g} to {1e9 / period:.4g} Hz")
             self._last_period = period
             if self._watched:
                 self._watched.change_rate(self._t, 1e9 / period)
         if now.invalid > noted.invalid:
-            what = f"{now.invalid - noted.invalid} samples with NaN or infinity in an encoder; they are left out"
-            self._record_event(Happening(self._t, what), "invalid")
+            new = now.invalid - noted.invalid
+            self._record_event("invalid", f"{new} samples with NaN or infinity in an encoder; they are left out")
         self._noted = now
 
     def _note_silence(self, sampled: bool) -> None:
@@ -316,7 +300,7 @@ class Session:
             return
         self.followed.silent = self._why_silent()
         text = f"no sample for {SILENCE_TIMEOUT:g} s: {self.followed.silent}"
-        self._record_event(Happening(self._t, text), "silence")
+        self._record_event("silence", text)
         self._announce(f"{self._source.name}: {text}")
         if self._watched:
             self._watched.lose(self._t, text)
@@ -343,11 +327,12 @@ class Session:
             if count > max(1, self._several.get(topic, 1)):
                 self._several[topic] = count
                 text = f"{count} publishers on {topic}; samples of equal stamps are put together"
-                self._record_event(Happening(self._t, text), "publishers")
+                self._record_event("publishers", text)
 
-    def _record_event(self, one: Happening, kind: str) -> None:
-        self._events[kind] = self._events.get(kind, 0) + 1
+    def _record_event(self, kind: str, text: str, t: float | None = None) -> None:
+        self._events[kind] += 1
         if self._recording is not None and self._events[kind] <= MAX_EVENTS_PER_KIND:
+            one = Happening(self._t if t is None else t, text)
             self._recording.event(one)
             self._happenings += [one] if self._viewer else []
 
@@ -355,19 +340,19 @@ class Session:
         """Reject messages without a needed joint, before the first sample."""
         if len(self._before) < JOINT_SEARCH_MESSAGES:
             return
-        sentences = [text for reader in self._readers.values() for text in reader.missing_signals()]
-        if sentences:
+        if sentences := self._missing_signals():
             raise LogError("\n".join(sentences))
         # keep only recent messages from before the first sample
         del self._before[:-JOINT_SEARCH_MESSAGES]
 
+    def _missing_signals(self) -> list[str]:
+        return [text for reader in self._readers.values() for text in reader.missing_signals()]
+
     def _why_nothing(self) -> str:
-        sentences = [text for reader in self._readers.values() for text in reader.missing_signals()]
-        counts = self._aligner.counts
-        if sentences:
+        if sentences := self._missing_signals():
             return sentences[0]
-        if counts.invalid:
-            return f"{counts.invalid} samples, all with NaN or infinity in an encoder; expected numbers"
+        if invalid := self._aligner.counts.invalid:
+            return f"{invalid} samples, all with NaN or infinity in an encoder; expected numbers"
         return "not one sample with all six angles came"
 
     def _summarise(self) -> None:

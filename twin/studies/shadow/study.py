@@ -26,7 +26,7 @@ from twin.studies.precheck import find_experiments, print_latest
 from twin.studies.result import Result
 
 if TYPE_CHECKING:
-    from twin.studies.shadow.alarm import RateTolerances, Tolerances
+    from twin.studies.shadow.alarm import RateTolerances
 
 SHADOW_FOLDER = Path("results") / "shadow"
 FACTS_FILE = "shadow.json"
@@ -40,14 +40,15 @@ def _find_source(asked: ArgumentValues) -> None:
 
 def _limits(
     fleet: Path | None, experiment: Path, settings: Sequence[str], say: Say
-) -> "tuple[Tolerances | RateTolerances | None, str]":
+) -> "tuple[RateTolerances | None, str]":
     """Load or compute the alarm's tolerances for an experiment. Return them, or None, and the reason if missing."""
     from twin.kernel.errors import TwinError
     from twin.robot.experiment.experiment_files import experiment_file
-    from twin.studies.shadow.tolerances import FLEET_FILE, shipped_fleet, tolerances_of
+    from twin.studies.shadow.fleet import read_fleet
+    from twin.studies.shadow.tolerances import FLEET_FILE, tolerances_of
 
     try:
-        robots = shipped_fleet(Path(experiment_file(experiment)), tuple(settings), fleet or FLEET_FILE)
+        robots = read_fleet(fleet or FLEET_FILE, experiment_file(experiment), settings=settings)
         return tolerances_of(robots, say)[0], ""
     except TwinError as problem:
         if fleet:
@@ -175,7 +176,7 @@ def shadow(
         duration = math.inf if duration_s is None else duration_s
         messages = columns if robot.has_messages else {}
         session = Session(
-            robot, messages, wanted, twin, model, 1e-3 * lateness_ms, duration, of_now, say, _announce, watched, viewer
+            robot, messages, wanted, twin, model, 1e-3 * lateness_ms, duration, of_now, say, _announce, viewer
         )
         if caution and (watched or ahead):
             notes.append(f"{caution}; the alarm finds springs 20 % softer, and no share is promised of the band")

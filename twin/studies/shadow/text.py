@@ -10,7 +10,8 @@ from twin.kernel.serialise import to_dict
 from twin.studies.result import Block, Column, Result, Table, count_text, note
 from twin.studies.shadow.ahead import PredictionScore
 from twin.studies.shadow.alarm import CHANNELS, WatchEvent
-from twin.studies.shadow.verdict import SIGNAL_COLUMNS, RunningStatistics, SessionSummary, verdict_of
+from twin.studies.shadow.statistics import RunningStatistics
+from twin.studies.shadow.verdict import PLANT_JOINT, SIGNAL_COLUMNS, SessionSummary, verdict_of
 
 LINE_WIDTH = 79
 """Width of the status line; some terminals wrap at column 80."""
@@ -25,12 +26,11 @@ RESIDUAL_COLUMNS = (
     Column("", left=True, gap=2),
 )
 RESIDUAL_UNITS = {
-    "force": ("pressing force, estimated", "N", 1.0),
-    "plant joint": ("joint {}, plant model", "deg", math.degrees(1.0)),
-    "command": ("command of motor {}", "rad/s", 1.0),
+    "force": ("pressing force, estimated", "N", "N", 1.0),
+    PLANT_JOINT: ("joint {}, plant model", "rad", "deg", math.degrees(1.0)),
+    "command": ("command of motor {}", "rad/s", "rad/s", 1.0),
 }
-"""Text, unit and scale by kind of residual."""
-UNITS = {"force": "N", "plant joint": "rad", "command": "rad/s"}
+"""Text, SI unit, shown unit and scale by kind of residual."""
 
 
 def status_line(t: float, period: float, late: float, counts: Counts, NIS: float, level: float, joints: float) -> str:
@@ -95,7 +95,7 @@ def shadow_result(followed: SessionSummary, name: str, files: Mapping[str, Path]
 
 def _row(key: str, one: RunningStatistics) -> list[str | float]:
     kind, number = _kind(key)
-    what, unit, scale = RESIDUAL_UNITS[kind]
+    what, _, unit, scale = RESIDUAL_UNITS[kind]
     return [what.format(number), scale * one.mean, scale * one.rms, scale * one.largest, one.largest_time, unit]
 
 
@@ -107,26 +107,24 @@ def _kind(key: str) -> tuple[str, str]:
 
 def _missing(followed: SessionSummary) -> str:
     counts = followed.counts
-    if not (counts.missing or counts.incomplete or counts.invalid or counts.unmatched):
-        return "none missing"
-    parts = [f"{counts.missing} missing in {count_text(counts.gaps, 'gap')}"] if counts.missing else []
-    parts += [f"{counts.incomplete} incomplete"] if counts.incomplete else []
-    parts += [f"{counts.invalid} came with NaN"] if counts.invalid else []
-    parts += [f"{counts.unmatched} before the first left out"] if counts.unmatched else []
-    return ", ".join(parts)
+    found = {
+        f"missing in {count_text(counts.gaps, 'gap')}": counts.missing, "incomplete": counts.incomplete,
+        "came with NaN": counts.invalid, "before the first left out": counts.unmatched,
+    }  # fmt: skip
+    return _counts_text(found) or "none missing"
 
 
 def _order(followed: SessionSummary) -> str:
     counts = followed.counts
-    parts = [
-        f"{number} {what}"
-        for number, what in (
-            (counts.duplicates, "twice"), (counts.out_of_order, "out of order"), (counts.late, "too late"),
-            (counts.restarts, "restarts of the clock"), (followed.dropped, "lost by the transport"),
-        )
-        if number
-    ]  # fmt: skip
-    return ", ".join(parts) or "all messages once and in order"
+    found = {
+        "twice": counts.duplicates, "out of order": counts.out_of_order, "too late": counts.late,
+        "restarts of the clock": counts.restarts, "lost by the transport": followed.dropped,
+    }  # fmt: skip
+    return _counts_text(found) or "all messages once and in order"
+
+
+def _counts_text(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{number} {what}" for what, number in counts.items() if number)
 
 
 def _clock(followed: SessionSummary) -> str:
@@ -169,7 +167,7 @@ def shadow_facts(followed: SessionSummary, name: str) -> dict[str, object]:
     NIS = followed.residuals.get("NIS")
     residuals = {
         key: {
-            "unit": UNITS[_kind(key)[0]],
+            "unit": RESIDUAL_UNITS[_kind(key)[0]][1],
             "count": one.count, "mean": one.mean, "rms": one.rms, "largest": one.largest, "at_s": one.largest_time,
         }
         for key, one in followed.residuals.items()

@@ -23,7 +23,6 @@ from twin.studies.shadow.fleet import (
     Fleet,
     block_means,
     fleet_limits,
-    read_fleet,
     watch_blocks,
 )
 
@@ -51,10 +50,6 @@ def tolerances_of(fleet: Fleet, say: Say = ignore_progress) -> tuple[RateToleran
     limits = rate_limits(fleet, say)
     write_tolerances(cached, digest, limits)
     return limits, "computed"
-
-
-def shipped_fleet(experiment: Path, settings: tuple[str, ...] = (), path: Path = FLEET_FILE) -> Fleet:
-    return read_fleet(path, experiment, settings=settings)
 
 
 def fleet_digest(fleet: Fleet) -> str:

@@ -1,17 +1,16 @@
 """Verdict of a session: robot and twin match, they diverge, or nothing was watched."""
 
 import math
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
 
 from twin.kernel.recording.sources.stamps import Counts, Histogram
 from twin.studies.replay.sample_columns import COUNT_L, COUNT_M, F_Z, OMEGA_REF, TAU
 from twin.studies.shadow.ahead import PredictionScore
 from twin.studies.shadow.alarm import WatchEvent
+from twin.studies.shadow.statistics import RunningStatistics
 
 SIGNAL_COLUMNS = {"motor angles": COUNT_M, "joint angles": COUNT_L, "force": F_Z, "commands": OMEGA_REF, "torques": TAU}
 """Columns of a sample by the names in a summary."""
@@ -23,63 +22,6 @@ GROSS_NIS = 50.0
 """Limit of the mean NIS per count over each of 2 s; at the corners of the fleet it is at most 20."""
 GROSS_BAND, MIN_BANDED_FORCES = 0.2, 200
 """Minimum share of the estimated forces in the band of 95 %, and minimum number of forces for that test."""
-
-
-@dataclass
-class RunningStatistics:
-    """Running statistics of one residual of a session.
-
-    Attributes:
-        mean, rms: mean and root mean square of all values.
-        largest, largest_time: value of largest size, and its time (s).
-        recent: mean over the last second.
-        last: time of the last value (s).
-        worst, worst_at: largest size reached by the means of two consecutive seconds, with its sign, and their start
-            (s).
-    """
-
-    count: int = 0
-    largest: float = 0.0
-    largest_time: float = math.nan
-    _sum: float = 0.0
-    _squares: float = 0.0
-    _block: list[float] = field(default_factory=lambda: [0.0, 0.0, -math.inf])
-    recent: float = math.nan
-    last: float = -math.inf
-    worst: float = 0.0
-    worst_at: float = math.nan
-
-    def add(self, t: NDArray[np.float64], r: NDArray[np.float64]) -> None:
-        """Add residuals r (n,) at t (n,), s, to the running statistics; NaN is skipped."""
-        there = np.isfinite(r)
-        if not np.any(there):
-            return
-        t, r = t[there], r[there]
-        self.count += len(r)
-        self.last = float(t[-1])
-        self._sum += float(np.sum(r))
-        self._squares += float(np.sum(r**2))
-        worst = int(np.argmax(np.abs(r)))
-        if abs(r[worst]) > abs(self.largest) or not math.isfinite(self.largest_time):
-            self.largest, self.largest_time = float(r[worst]), float(t[worst])
-        if t[-1] - self._block[2] >= 1.0:
-            if self._block[1]:
-                before, self.recent = self.recent, self._block[0] / self._block[1]
-                # one sample after a gap can dominate the mean of its second
-                lasting = min(abs(before), abs(self.recent)) if math.isfinite(before) else 0.0
-                if lasting > abs(self.worst):
-                    self.worst, self.worst_at = math.copysign(lasting, self.recent), self._block[2] - 1.0
-            self._block = [0.0, 0.0, float(t[-1])]
-        self._block[0] += float(np.sum(r))
-        self._block[1] += len(r)
-
-    @property
-    def mean(self) -> float:
-        return self._sum / self.count if self.count else math.nan
-
-    @property
-    def rms(self) -> float:
-        return math.sqrt(self._squares / self.count) if self.count else math.nan
 
 
 @dataclass
@@ -112,7 +54,7 @@ class SessionSummary:
     drift: float = math.nan
     in_hand: Histogram = field(default_factory=Histogram)
     missed: int = 0
-    residuals: dict[str, RunningStatistics] = field(default_factory=dict)
+    residuals: dict[str, RunningStatistics] = field(default_factory=lambda: defaultdict(RunningStatistics))
     dropped: int = 0
     notes: list[str] = field(default_factory=list)
     changes: list[WatchEvent] | None = None
