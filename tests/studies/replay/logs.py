@@ -11,7 +11,7 @@ from twin.kernel.recording.logs.reader import recording_log
 from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
-from twin.studies.replay.model import RobotModel, load_model
+from twin.studies.replay.model import RobotModel, model_of
 from twin.studies.replay.replay import Replay, replay_log
 
 EXPERIMENTS = Path(__file__).resolve().parents[3] / "experiments"
@@ -33,7 +33,7 @@ def ran(name: str, *settings: str) -> Recording:
 
 def healthy(name: str = FIG4) -> RobotModel:
     """The twin of the robot as it was built."""
-    return load_model(EXPERIMENTS / f"{name}.toml", SCALE)
+    return model_of(load_experiment(EXPERIMENTS / f"{name}.toml", SCALE))
 
 
 def judged(name: str, *settings: str, plant: bool = True) -> Replay:

@@ -17,7 +17,7 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import FAULT_KINDS
 from twin.robot.run.trace import run_in_memory
 from twin.studies.replay.drift import drift
-from twin.studies.replay.model import load_model
+from twin.studies.replay.model import model_of
 from twin.studies.replay.parts import PlantModel
 from twin.studies.replay.replay import estimates
 from twin.studies.replay.residual import angle_rounding
@@ -136,7 +136,7 @@ NOISY = ("plant.motor_noise_deg=0.02", "plant.joint_noise_deg=0.02")
 @pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.endurance) for seed in range(2, 8))])
 @pytest.mark.parametrize("unknown", UNKNOWN)
 def test_joint_residuals_of_a_replay_alarm_on_every_healthy_robot_and_these_on_none(unknown: str, seed: int):
-    model = load_model(FIG4, SCALE_SETTINGS)
+    model = model_of(load_experiment(FIG4, SCALE_SETTINGS))
     rounding = angle_rounding(model.belief_with_dead_zone)
     settings = (UNKNOWN[unknown], *NOISY, f"seed={seed}")
     run = run_in_memory(load_experiment(FIG4, [*SCALE_SETTINGS, *settings]), EVERY)

@@ -56,12 +56,8 @@ def experiments_differ(a: Path, b: Path) -> Differences | None:
         found = [read_metadata(path) for path in (a, b)]
         if any("experiment" not in metadata for metadata in found):
             return None
-        return differing_values(
-            [
-                recorded_comparable_values(DECLARED_TABLES, metadata, path)
-                for metadata, path in zip(found, (a, b), strict=True)
-            ]
-        )
+        values = [recorded_comparable_values(DECLARED_TABLES, *one) for one in zip(found, (a, b), strict=True)]
+        return differing_values(values)
     except InputRefused:
         return None
 

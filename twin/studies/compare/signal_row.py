@@ -70,13 +70,8 @@ def tube_curves(ours: LogSeries, theirs: LogSeries, allowed: Allowance) -> TubeC
     t = ours.t if count[0] <= count[1] else theirs.t
     t = t[(t >= start) & (t <= end) & ~in_gap(t, ours.sampling.gaps) & ~in_gap(t, theirs.sampling.gaps)]
     bounds = reach(ours.t, ours.values, t, allowed.dt)
-    return TubeCurves(
-        t,
-        np.interp(t, ours.t, ours.values),
-        np.interp(t, theirs.t, theirs.values),
-        bounds,
-        bounds.widen(allowed.value),
-    )
+    a, b = (np.interp(t, series.t, series.values) for series in (ours, theirs))
+    return TubeCurves(t, a, b, bounds, bounds.widen(allowed.value))
 
 
 def signal_row(

@@ -47,9 +47,10 @@ def differences_lines(differences: Differences | None) -> list[Note | str]:
 def comparison_result(comparison: Comparison, partial: bool = False, differences: Differences | None = None) -> Result:
     """Return the report of a comparison: answer, files, signals worst first, differences of the experiments."""
     covered = partial or comparison.least_coverage[1] == 1.0
+    shift = f", shifted by {comparison.shift.seconds:+.6g} s" if comparison.shift.seconds else ""
     parts = [
         f"  A  {comparison.a}",
-        f"  B  {comparison.b}{_shift(comparison)}",
+        f"  B  {comparison.b}{shift}",
         *(["", *_tables(comparison), *_others(comparison, partial)] if not comparison.identical else []),
         *map(_note, comparison.notes),
         *differences_lines(differences),
@@ -80,10 +81,6 @@ def _answer(comparison: Comparison, partial: bool) -> str:
     when = first.first_exit.t if first.first_exit else math.nan
     left = f"{len(comparison.outside_rows)} of {count_text(count, 'signal')} {'leaves' if count == 1 else 'leave'}"
     return f"{left} the tube around A (first: {first.signal}, at {when:.6g} s), compared over {of_a} of A"
-
-
-def _shift(comparison: Comparison) -> str:
-    return f", shifted by {comparison.shift.seconds:+.6g} s" if comparison.shift.seconds else ""
 
 
 def _tables(comparison: Comparison) -> list[Block]:

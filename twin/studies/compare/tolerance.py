@@ -65,9 +65,6 @@ class Rule:
     dimension: Dimension | None = None
     dt: float | None = None
 
-    def fits(self, signal: str) -> bool:
-        return matches(self.pattern, signal)
-
 
 DEFAULT_RULE = Rule("*", 0.02, None, 0.004)
 """2 % of the range, and two periods of the robot's controller (2 ms)."""
@@ -115,7 +112,7 @@ def allowance(signal: str, unit: Unit, span: float, magnitude: float, given: Ite
     """
     value, dt = 0.0, 0.0
     for rule in (DEFAULT_RULE, *given):
-        if not rule.fits(signal):
+        if not matches(rule.pattern, signal):
             continue
         if rule.value is not None and rule.dimension is None:
             value = rule.value * span + 1e-9 * magnitude
@@ -338,7 +335,7 @@ def common_units(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) 
     mistakes += [
         f"tolerance of {rule.pattern}: no such signal; {_nearest(rule.pattern, common)}"
         for rule in given
-        if not any(rule.fits(name) for name in there)
+        if not any(matches(rule.pattern, name) for name in there)
     ]
     names = [name for name in common if not signals or any(matches(pattern, name) for pattern in signals)]
     units = {name: _unit(a[name]) for name in names}

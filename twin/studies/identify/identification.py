@@ -82,16 +82,9 @@ class Identification:
     notes: tuple[str, ...]
 
     @property
-    def loss(self) -> Estimate | None:
-        """Estimate of ln(eta), for belt losses by direction; None if loading and unloading cannot be compared."""
-        axis, one = self.fit.direction(LOSS), self.fit.unknowns[LOSS]
-        if not self.fit.is_determined(axis, one.size):
-            return None
-        return Estimate(float(self.fit.x[LOSS]), self.fit.half_width(axis), one.unit)
-
-    @property
-    def separates_eta(self) -> bool:
-        return self.quantities["k_s"].found is not None
+    def knows_loss(self) -> bool:
+        """Whether ln(eta) is known, for belt losses by direction, from a comparison of loading and unloading."""
+        return self.fit.is_determined(self.fit.direction(LOSS), self.fit.unknowns[LOSS].size)
 
     def estimate(self, name: str) -> Estimate:
         """Return the estimate of an identified quantity; raise KeyError if it is not determined."""
@@ -206,9 +199,8 @@ def _stiffness_quantities(found: Fit, belief: Belief, log: Log, motor_torque: bo
         k_s = spring_stiffness(found, belief, log)
         if k_s is not None:
             ratio = product.value / k_s.value
-            eta = Estimate(
-                ratio, ratio * float(np.hypot(product.half_width / product.value, k_s.half_width / k_s.value)), "1"
-            )
+            share = float(np.hypot(product.half_width / product.value, k_s.half_width / k_s.value))
+            eta = Estimate(ratio, ratio * share, "1")
     elif found.is_determined(found.direction(LOSS), found.unknowns[LOSS].size) and loss + width < -MIN_LOSS:
         # with direction-dependent losses (P1) the geometric mean of e^(+loss) and e^(-loss) is free of eta
         meaning = "k_s eta, mean of directions"

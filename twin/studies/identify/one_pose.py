@@ -22,13 +22,7 @@ MIN_PRESS_RISE = 1.0
 """Minimum increase of the force in a press (N)."""
 MAX_PRESS_WIDTH = 2e-3
 """Maximum lateral extent of a press (m); beyond it the motion is a sweep."""
-
-
-class OnePoseStep(NamedTuple):
-    """Evaluation of the paper's press: corrected causes, k_s eta (N m/rad) by a line through the origin."""
-
-    name: str
-    k_s_eta: float
+PRINTED_STEP = "as printed"
 
 
 class OnePose(NamedTuple):
@@ -39,7 +33,8 @@ class OnePose(NamedTuple):
         start, end: times (s).
         force: reading of the scale (n,), N.
         calculated: F_z of (27) with the believed k_s eta (n,), N.
-        steps: as printed, then with one cause after the other corrected.
+        steps: k_s eta (N m/rad) by a line through the origin: as printed, then with one cause after the other
+            corrected.
     """
 
     place: NDArray[np.float64]
@@ -47,7 +42,7 @@ class OnePose(NamedTuple):
     end: float
     force: NDArray[np.float64]
     calculated: NDArray[np.float64]
-    steps: tuple[OnePoseStep, ...]
+    steps: dict[str, float]
 
 
 def one_pose(seen: Windows, belief: Belief, x: NDArray[np.float64]) -> OnePose | None:
@@ -62,12 +57,12 @@ def one_pose(seen: Windows, belief: Belief, x: NDArray[np.float64]) -> OnePose |
     zeroed, own_weight = _pressing(k, w - x[OFFSET : OFFSET + 3], belief, press, x[JOINT_ZERO : JOINT_ZERO + 3])
     d = subtract_dead_zone(w - x[OFFSET : OFFSET + 3], x[BACKLASH])
     freed, _ = _pressing(k, d, belief, press, x[JOINT_ZERO : JOINT_ZERO + 3])
-    steps = (
-        OnePoseStep("as printed", k * _through_origin(printed, F)),
-        OnePoseStep("weight taken off", k * _through_origin(printed, F - weight)),
-        OnePoseStep("and the zeros", k * _through_origin(zeroed, F - own_weight)),
-        OnePoseStep("and the dead zone", k * _through_origin(freed, F - own_weight)),
-    )
+    steps = {
+        PRINTED_STEP: k * _through_origin(printed, F),
+        "weight taken off": k * _through_origin(printed, F - weight),
+        "and the zeros": k * _through_origin(zeroed, F - own_weight),
+        "and the dead zone": k * _through_origin(freed, F - own_weight),
+    }
     p_B = pose(belief, press.joint - np.array(belief.joint_zero)).p_B
     return OnePose(p_B[:, :2].mean(axis=0), float(press.t[0]), float(press.t[-1]), F, printed, steps)
 
@@ -81,14 +76,11 @@ def _press(seen: Windows, belief: Belief) -> Windows | None:
     p_B = pose(belief, seen.joint - np.array(belief.joint_zero)).p_B[:, :2]
     found = []
     for part in seen.runs(chosen, np.diff(F) > 0.0):
-        if (
-            np.ptp(seen.force[part]) >= MIN_PRESS_RISE
-            and np.max(np.ptp(p_B[part], axis=0)) <= MAX_PRESS_WIDTH
-            and len(part) >= 3
-        ):
+        rise, width = float(np.ptp(seen.force[part])), np.max(np.ptp(p_B[part], axis=0))
+        if rise >= MIN_PRESS_RISE and width <= MAX_PRESS_WIDTH and len(part) >= 3:
             # rounded to 5 mm, so that repeated presses share a place
             distance = round(float(np.linalg.norm(p_B[part].mean(axis=0))) / 5e-3)
-            found.append((distance, -float(np.ptp(seen.force[part])), part))
+            found.append((distance, -rise, part))
     if not found:
         return None
     mask = np.zeros(len(seen.t), dtype=bool)

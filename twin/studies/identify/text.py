@@ -14,6 +14,7 @@ from twin.robot.plant.dynamics import TrueRobot, series_share, spring_stiffness
 from twin.studies.figure import INK, JOINT_COLORS, PAPER_BLUE, PAPER_ORANGE, RED, Axes, picture
 from twin.studies.identify.estimate import Estimate, decimals, display_unit, display_value
 from twin.studies.identify.identification import Identification, Quantity
+from twin.studies.identify.one_pose import PRINTED_STEP
 from twin.studies.identify.windows import JOINTS_PER_METRE
 from twin.studies.replay.model import RobotModel
 from twin.studies.result import Block, Column, Note, Result, Table, note
@@ -106,31 +107,21 @@ def _row(name: str, quantity: Quantity, true: Mapping[str, float]) -> list[str]:
     def format_number(value: float | None) -> str:
         return Column(form=f".{digits}f").text(None if value is None else display_value(value, unit))
 
-    cells = [
-        format_number(found.value),
-        format_number(found.half_width),
-        display_unit(unit),
-        format_number(quantity.believed),
-    ]
+    numbers = [format_number(value) for value in (found.value, found.half_width, quantity.believed)]
+    cells = [*numbers[:2], display_unit(unit), numbers[2]]
     return [quantity.meaning, *cells, *([format_number(true.get(name))] if true else [])]
 
 
 def _unknown(one: Identification) -> list[str]:
     reasons = []
-    if not one.separates_eta:
-        loss = (
-            "and loading and unloading agree" if one.loss is not None else "and loading is not compared with unloading"
-        )
+    if one.quantities["k_s"].found is None:
+        agree = "loading and unloading agree" if one.knows_loss else "loading is not compared with unloading"
         reasons.append(
-            f"k_s and eta one by one: encoders and scale see only their product (20), {loss}; a measured motor torque "
-            "would separate them (--motor-torque)"
+            f"k_s and eta one by one: encoders and scale see only their product (20), and {agree}; a measured motor "
+            "torque would separate them (--motor-torque)"
         )
-    missing = [
-        quantity.meaning
-        for name, quantity in one.quantities.items()
-        if quantity.found is None and name not in ("k_s", "eta", "friction")
-    ]
-    if missing:
+    others = (quantity for name, quantity in one.quantities.items() if name not in ("k_s", "eta", "friction"))
+    if missing := [quantity.meaning for quantity in others if quantity.found is None]:
         reasons.append(f"{_list(missing)}: uncertain by more than a tenth of their plausible range")
     if one.quantities["friction"].found is None:
         reasons.append("friction under the head: no sweep under load that is long enough")
@@ -167,7 +158,7 @@ def _paper(one: Identification) -> list[Block]:
         f"Sec. III.A on the press of {press.start:.1f} to {press.end:.1f} s at ({x:.0f}, {y:.0f}) mm, "
         f"{press.force[0]:.1f} to {press.force[-1]:.1f} N, k_s eta by a line through the origin:"
     )
-    rows = [(step.name, step.k_s_eta, 100.0 * (step.k_s_eta / k - 1.0), "%") for step in press.steps]
+    rows = [(name, k_s_eta, 100.0 * (k_s_eta / k - 1.0), "%") for name, k_s_eta in press.steps.items()]
     return [note("paper", text, whole=True), Table(PAPER_COLUMNS, rows, indent=4), ""]
 
 
@@ -201,7 +192,7 @@ def identification_facts(one: Identification, log: str, true: Mapping[str, float
         "singular_values": one.fit.singular.tolist(),
         "windows": len(one.fit.seen.t),
         "clusters": one.fit.clusters,
-        "one_pose": {step.name: step.k_s_eta for step in press.steps} if press else None,
+        "one_pose": press.steps if press else None,
         "notes": list(one.notes),
     }
 
@@ -310,8 +301,8 @@ def _draw_paper(axes: Axes, one: Identification) -> None:
     believed = one.model.belief.k_s * one.model.belief.eta
     axes.plot(press.calculated, press.force, "o", ms=4, color=INK, label="measured, against (27)")
     reach = np.array([min(0.0, float(press.calculated.min())), float(press.calculated.max())])
-    slope = press.steps[0].k_s_eta / believed
-    axes.plot(reach, slope * reach, color=RED, label=f"as printed: k_s eta = {press.steps[0].k_s_eta:.3f}")
+    printed = press.steps[PRINTED_STEP]
+    axes.plot(reach, printed / believed * reach, color=RED, label=f"{PRINTED_STEP}: k_s eta = {printed:.3f}")
     slope = one.fit.x[0] / believed
     middle = press.calculated.mean(), press.force.mean()
     axes.plot(

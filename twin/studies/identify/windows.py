@@ -77,7 +77,6 @@ class Windows(NamedTuple):
 def windows(log: RobotSamples, belief: Belief) -> Windows:
     """Find the windows of slow motion in a log that are fit for statics; possibly an empty result.
 
-
     Raises:
         LogError: no force was measured, or never at the time of the encoders.
     """

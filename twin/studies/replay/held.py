@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.delay import play
-from twin.kernel.cosim.port import by_port
+from twin.kernel.cosim.delay import play, values_by_port
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.reader import is_recording
 from twin.kernel.recording.reader import read_metadata
@@ -67,8 +66,7 @@ def _controller_outputs(
         np.ones((n, 1)) if port == SHARE_PORT else estimate[port.name][::stride].reshape(n, -1) for port in law.inputs
     ]
     rows, _ = play(law, t - t[0], np.full(n, period), np.hstack(inputs))
-    values = by_port(law.outputs, rows)
-    return {name: one[:, 0] if one.shape[1] == 1 else one for name, one in values.items()}, t[: len(rows)]
+    return values_by_port(law.outputs, rows), t[: len(rows)]
 
 
 def measures_text(values: Values) -> str:

@@ -6,7 +6,7 @@ Unambiguous entries are written as such, ambiguous ones as comments.
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,27 +38,23 @@ class Triple(NamedTuple):
         counts: whether all values are integers without a unit.
     """
 
-    columns: tuple[str, str, str]
+    columns: Sequence[str]
     words: frozenset[str]
     unit: str
     counts: bool
 
 
-class Proposal(NamedTuple):
-    """Result of a proposed column map: path of the written file, and whether the map is complete."""
+def propose(log: Path) -> tuple[Path, bool]:
+    """Propose a column map for a robot's CSV file, and write it as NAME.map.toml in the same folder.
 
-    path: Path
-    complete: bool
-
-
-def propose(log: Path) -> Proposal:
-    """Propose a column map for a robot's CSV file, and write it as NAME.map.toml in the same folder."""
+    Return the path of the map, and whether it is complete.
+    """
     text, complete = proposal(read_table(log))
     path = log.with_suffix(".map.toml")
     if os.path.lexists(path):
         raise LogError(f"{path}: is there already and is not touched; remove or rename it for a new one")
     write_text(path, text)
-    return Proposal(path, complete)
+    return path, complete
 
 
 def proposal(table: CsvTable) -> tuple[str, bool]:
@@ -67,9 +63,9 @@ def proposal(table: CsvTable) -> tuple[str, bool]:
     sections = [_time(table, numbers), *_angles(table, numbers), _force(table, numbers)]
     taken = {name for lines in sections for name in numbers if any(_toml_string(name) in line for line in lines)}
     lines = [
-        f"# Which column of {escape_controls(table.path.name)} is which signal, for twin replay and twin identify."
+        f"# Which column of {escape_controls(table.path.name)} is which signal, for twin replay and twin identify.",
+        "# Angles: positive where the link goes down, zero with it horizontal; the motor's before the belt.",
     ]
-    lines.append("# Angles: positive where the link goes down, zero with it horizontal; the motor's before the belt.")
     for section in sections:
         lines += ["", *section]
     if left := [name for name in table.head if name not in taken]:
@@ -102,18 +98,13 @@ def _angles(table: CsvTable, numbers: Sequence[str]) -> Iterator[list[str]]:
     for side in SIDE_WORDS:
         sure = len(found[side]) == 1
         offered = found[side] or triples
-        if not offered:
-            name = f'"estimator.theta_{side}[0]"'
-            yield [
-                f'# {name} = {{ column = "?", unit = "deg" }}   # no three columns are angles or counts; 1 and 2, too'
-            ]
-        else:
-            yield [
-                f"{'' if sure else '# '}{_line(f'{signal}[{joint}]', column)}"
-                for one in offered
-                for signal in [f"encoder.count_{side}" if one.counts else f"estimator.theta_{side}"]
-                for joint, column in enumerate(one.columns)
-            ]
+        lines = []
+        for one in offered:
+            signal = f"encoder.count_{side}" if one.counts else f"estimator.theta_{side}"
+            lines += [_line(f"{signal}[{joint}]", column) for joint, column in enumerate(one.columns)]
+        no_line = f'"estimator.theta_{side}[0]" = {{ column = "?", unit = "deg" }}'
+        lines = lines or [f"{no_line}   # no three columns are angles or counts; 1 and 2, too"]
+        yield [f"{'' if sure else '# '}{line}" for line in lines]
 
 
 def _force(table: CsvTable, numbers: Sequence[str]) -> list[str]:
@@ -145,13 +136,12 @@ def triples_of(table: CsvTable, numbers: Sequence[str]) -> list[Triple]:
         if match := re.fullmatch(r"(.*?)(\d+)(\D*)", name):
             stems.setdefault((f"{match[1]}#{match[3]}", unit), {})[int(match[2])] = column
     found = []
-    for (stem, unit), columns in stems.items():
-        numbered: Mapping[int, str] = columns
+    for (stem, unit), numbered in stems.items():
         if sorted(numbered) in ([0, 1, 2], [1, 2, 3]):
             three = [numbered[joint] for joint in sorted(numbered)]
             values = [table.column(name) for name in three]
             whole = all(np.array_equal(one, np.rint(one), equal_nan=True) for one in values)
-            found.append(Triple((three[0], three[1], three[2]), _words(stem), unit, whole and unit in ("", "1")))
+            found.append(Triple(three, _words(stem), unit, whole and unit in ("", "1")))
     return found
 
 

@@ -30,8 +30,6 @@ from twin.robot.plant.surface_motion import Motion
 
 MODEL_TABLES = {name: DECLARED_TABLES.tables[name] for name in ("plant", "contact", "cosim", "controller", "scale")}
 """Tables of a recorded experiment that are used; the scale may be missing."""
-
-
 OWN_PARTS = ("estimator", "body")
 
 
@@ -62,10 +60,6 @@ class RobotModel:
         return self.belief._replace(backlash=self.plant.backlash)
 
 
-def load_model(path: Path, settings: Iterable[str] = ()) -> RobotModel:
-    return model_of(load_experiment(path, settings))
-
-
 def model_of(experiment: Experiment) -> RobotModel:
     refuse_third_party_parts(experiment, "a replay", OWN_PARTS)
     values = {name: experiment.values[name] for name in MODEL_TABLES if name in experiment.values}
@@ -75,7 +69,7 @@ def model_of(experiment: Experiment) -> RobotModel:
 def model_for(log: Path, experiment: Path | None, settings: Sequence[str] = ()) -> RobotModel:
     """Load the believed robot for a log file: from `experiment`, or else from the recording's own experiment."""
     if experiment is not None:
-        return load_model(experiment, settings)
+        return model_of(load_experiment(experiment, settings))
     if is_recording(log):
         return recorded_model(read(log).metadata, log, settings)
     raise InputRefused(f"{log}: does not name its robot; give its experiment with --experiment FILE")
@@ -98,21 +92,16 @@ def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, setti
     mistakes = [
         f"[{table}] {unknown_key(table, list(MODEL_TABLES))}" for table in source.values if table not in MODEL_TABLES
     ]
+    others = [role for role in OWN_PARTS if find_stand_in_table(values, role)]
+    mistakes += [f"[{role}] is third-party; only the twin's own can be replayed" for role in others]
     checked: dict[str, Any] = {}
-    mistakes += [
-        f"[{role}] is third-party; only the twin's own can be replayed"
-        for role in OWN_PARTS
-        if find_stand_in_table(values, role)
-    ]
     for table, schema in MODEL_TABLES.items():
         if table in source.values or table != "scale":
             try:
-                other = find_stand_in_table(source.values, table)
-                checked[table] = (
-                    retained_settings(DECLARED_TABLES, table, other)
-                    if other
-                    else schema.model_validate(source.values.get(table, {}))
-                )
+                if other := find_stand_in_table(source.values, table):
+                    checked[table] = retained_settings(DECLARED_TABLES, table, other)
+                else:
+                    checked[table] = schema.model_validate(source.values.get(table, {}))
             except ValidationError as error:
                 mistakes += error_messages(error, schema, table)
     if mistakes:

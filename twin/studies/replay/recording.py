@@ -1,7 +1,6 @@
 """Recording of a replay, with the signal names of a run."""
 
 import json
-from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -40,7 +39,10 @@ class Track(NamedTuple):
 
 def record(replay: Replay, path: Path) -> Path:
     tracks = _tracks(replay)
-    with Writer(path, [track.topic for track in tracks], NANOSECOND_TICK, _metadata(replay)) as writer:
+    model, log = replay.model, replay.log.path.name
+    experiment = {"name": model.name, "title": f"replay of {log}", "values": json.dumps(model.values)}
+    metadata = {"experiment": experiment, "replay": {"log": log}}
+    with Writer(path, [track.topic for track in tracks], NANOSECOND_TICK, metadata) as writer:
         # only spans with rows, since gaps may last hours
         spans = np.unique(np.concatenate([track.ticks for track in tracks]) // SPAN_TICKS)
         for start in (spans * SPAN_TICKS).tolist():
@@ -87,15 +89,6 @@ def _track(name: str, ports: tuple[Port, ...], t: NDArray[np.float64], outputs: 
     # the shortest interval
     period = int(np.min(np.diff(ticks), initial=SPAN_TICKS))
     return Track(Topic(name, fields, period), ticks, np.column_stack([outputs[p.name] for p in ports]).astype(float))
-
-
-def _metadata(replay: Replay) -> Mapping[str, Mapping[str, str]]:
-    model = replay.model
-    return {
-        "experiment": {"name": model.name, "title": f"replay of {replay.log.path.name}",
-                       "values": json.dumps(model.values)},
-        "replay": {"log": replay.log.path.name},
-    }  # fmt: skip
 
 
 def _events(replay: Replay) -> list[tuple[int, str]]:

@@ -1,6 +1,5 @@
 """Report of a replay: text of at most 80 columns, facts, and a picture."""
 
-from enum import StrEnum
 from math import degrees
 from pathlib import Path
 
@@ -34,21 +33,6 @@ STATISTICS_COLUMNS = (
 MEASURED_COLOR, ESTIMATE_COLOR, TWIN_COLOR, PLANT_COLOR, ALARM_COLOR = INK, PAPER_YELLOW, PAPER_ORANGE, PAPER_BLUE, RED
 
 
-class ReplayVerdict(StrEnum):
-    """Verdict of a replay: robot and twin match, diverge, or unknown."""
-
-    MATCHES = "matches"
-    DRIFTING = "drifting"
-    UNKNOWN = "cannot tell"
-
-
-def verdict(replay: Replay) -> ReplayVerdict:
-    """Judge a replay over all tested residuals; unknown without such a residual."""
-    if not replay.indicators:
-        return ReplayVerdict.UNKNOWN
-    return ReplayVerdict.DRIFTING if replay.first_alarm else ReplayVerdict.MATCHES
-
-
 def replay_result(replay: Replay, held: Values, name: str, files: dict[str, str], following: str) -> Result:
     """Create the report of a replay; `files`: kind -> path; `following`: command to run next, or ""."""
     forces: list[Block] = [_table(replay), ""] if replay.forces else []
@@ -59,14 +43,11 @@ def replay_result(replay: Replay, held: Values, name: str, files: dict[str, str]
 
 
 def _headline(replay: Replay, name: str) -> str:
-    match verdict(replay):
-        case ReplayVerdict.MATCHES:
-            return f"{name}: robot and twin match, {replay.log.t[0]:g} to {replay.log.t[-1]:g} s"
-        case ReplayVerdict.UNKNOWN:
-            return f"{name}: cannot tell whether robot and twin match"
-    first = replay.first_alarm
-    assert first is not None
-    return f"{name}: robot and twin diverge since {first.drift.since:.3f} s\n  {_change(first)}"
+    if first := replay.first_alarm:
+        return f"{name}: robot and twin diverge since {first.drift.since:.3f} s\n  {_change(first)}"
+    if replay.indicators:
+        return f"{name}: robot and twin match, {replay.log.t[0]:g} to {replay.log.t[-1]:g} s"
+    return f"{name}: cannot tell whether robot and twin match"
 
 
 def _change(one: Indicator) -> str:
@@ -113,9 +94,8 @@ def _table(replay: Replay) -> Table:
 
 def _samples(replay: Replay) -> list[Block]:
     log = replay.log
-    lost = (
-        f"{log.sampling.missing} missing in {len(log.sampling.gaps)} gaps" if len(log.sampling.gaps) else "none missing"
-    )
+    gaps = len(log.sampling.gaps)
+    lost = f"{log.sampling.missing} missing in {gaps} gaps" if gaps else "none missing"
     again = ", ".join(f"{start:.3f}" for start in replay.starts[1:])
     return [
         note("samples", f"{len(log.t)}, one every {1e3 * log.sampling.period:.4g} ms, {lost}"),
@@ -133,11 +113,11 @@ def next_command(replay: Replay, log: str) -> list[str]:
 
 def replay_facts(replay: Replay, held: Values) -> dict[str, object]:
     """Convert all results of a replay to numbers; keys carry units, missing values are None."""
-    log = replay.log
+    log, tested = replay.log, "matches" if replay.indicators else "cannot tell"
     return {
         "log": log.path.name,
         "experiment": replay.model.name,
-        "verdict": verdict(replay).value,
+        "verdict": "drifting" if replay.first_alarm else tested,
         "start_s": float(log.t[0]),
         "end_s": float(log.t[-1]),
         "samples": len(log.t),
@@ -151,19 +131,16 @@ def replay_facts(replay: Replay, held: Values) -> dict[str, object]:
 
 
 def draw_replay(replay: Replay, name: str, path: Path) -> None:
-    force = [one for one in replay.indicators if one.unit == "N"]
-    joints = [one for one in replay.indicators if one.unit == "rad"]
-    panels = 1 + bool(force) + bool(joints) + bool(replay.indicators)
+    kinds = [[one for one in replay.indicators if one.unit == unit] for unit in ("N", "rad")]
+    tested = [kind for kind in kinds if kind]
+    panels = 1 + len(tested) + bool(tested)
     with picture(path, 11, 1.2 + 2.3 * panels) as figure:
         axes = list(np.atleast_1d(figure.subplots(panels, 1, sharex=True)))
-        rest = iter(axes)
-        _draw_forces(next(rest), replay)
-        if force:
-            _draw_force_residual(next(rest), force[0])
-        if joints:
-            _draw_joint_residuals(next(rest), joints)
-        if replay.indicators:
-            _draw_sums(next(rest), replay.indicators)
+        _draw_forces(axes[0], replay)
+        for panel, alike in zip(axes[1:], tested, strict=False):
+            _draw_residuals(panel, alike)
+        if tested:
+            _draw_sums(axes[-1], replay.indicators)
         first = replay.first_alarm
         for panel in axes:
             panel.margins(x=0)
@@ -197,33 +174,30 @@ def _draw_forces(axes: Axes, replay: Replay) -> None:
     axes.legend(loc="best", fontsize="small")
 
 
-def _draw_force_residual(axes: Axes, one: Indicator) -> None:
-    _draw_residual(axes, one, 1.0, TWIN_COLOR, "estimate, dead zone taken off, less measured: means of blocks")
-    axes.set_ylabel("force residual (N)")
-    axes.legend(loc="best", fontsize="small")
+def _color(one: Indicator) -> str:
+    return TWIN_COLOR if one.unit == "N" else JOINT_COLORS[int(one.name[-1]) - 1]
 
 
-def _draw_joint_residuals(axes: Axes, joints: list[Indicator]) -> None:
-    for one, color in zip(joints, JOINT_COLORS, strict=True):
-        _draw_residual(axes, one, float(np.degrees(1.0)), color, f"{one.name}, model less robot")
-    axes.set_ylabel("joint residual (deg)")
-    axes.legend(loc="best", fontsize="small", ncols=3)
+def _draw_residuals(axes: Axes, alike: list[Indicator]) -> None:
+    """Draw the residual of the force, or those of all joints."""
+    for one in alike:
+        if one.unit == "N":
+            _draw_residual(axes, one, 1.0, "estimate, dead zone taken off, less measured: means of blocks")
+        else:
+            _draw_residual(axes, one, degrees(1.0), f"{one.name}, model less robot")
+    axes.set_ylabel("force residual (N)" if alike[0].unit == "N" else "joint residual (deg)")
+    axes.legend(loc="best", fontsize="small", ncols=len(alike))
 
 
-def _draw_residual(axes: Axes, one: Indicator, scale: float, color: str, label: str) -> None:
+def _draw_residual(axes: Axes, one: Indicator, scale: float, label: str) -> None:
     """Draw the samples and block means of a residual, and the band without growth of the sums."""
-    d = one.drift
+    d, color = one.drift, _color(one)
     axes.plot(one.t, scale * one.r, color=color, lw=0.5, alpha=0.3)
     edges = np.concatenate([[d.t[0] - d.block], d.t])
     axes.stairs(scale * d.mean, edges, color=color, lw=1.8, baseline=None, label=label)
     for side in (-1.0, 1.0):
-        axes.axhline(
-            scale * (d.baseline + side * d.slack),
-            color="0.5",
-            lw=0.8,
-            ls="--",
-            label="no sum fills in here" if side > 0 and one.name in ("force", "joint 1") else None,
-        )
+        named = "no sum fills in here" if side > 0 and one.name in ("force", "joint 1") else None
+        axes.axhline(scale * (d.baseline + side * d.slack), color="0.5", lw=0.8, ls="--", label=named)
     # scale by the means, since single samples may be far off
     reach = scale * max(3.0 * d.slack, 1.3 * float(np.max(np.abs(d.mean - d.baseline))))
     low, high = axes.get_ylim() if axes.has_data() and axes.lines else (0.0, 0.0)
@@ -237,8 +211,7 @@ def _draw_sums(axes: Axes, indicators: tuple[Indicator, ...]) -> None:
     for one in indicators:
         d = one.drift
         worst = np.where(d.up >= d.low, d.up, -d.low) / d.threshold
-        color = TWIN_COLOR if one.unit == "N" else JOINT_COLORS[int(one.name[-1]) - 1]
-        axes.plot(d.t, worst, marker=".", lw=1.2, color=color, label=one.name)
+        axes.plot(d.t, worst, marker=".", lw=1.2, color=_color(one), label=one.name)
     for side in (-1.0, 1.0):
         axes.axhline(side, color=ALARM_COLOR, lw=0.9, ls="--", label="alarm" if side > 0 else None)
     axes.set_ylabel("cumulative sum / H")

@@ -39,6 +39,8 @@ MAX_VALUE_LENGTH = 40
 """Maximum length of a value in the text (characters); a list of waypoints does not fit in a line."""
 DETAIL_INDENT = " " * 6
 MAX_LISTED_FILES = 10
+Differences = Mapping[str, tuple[str, str]]
+"""Values of a stored run that differ now: key -> (then, now)."""
 
 
 @dataclass(frozen=True)
@@ -58,13 +60,9 @@ class StoredRun:
     @cached_property
     def has_user_name(self) -> bool:
         """Whether the user chose the name of the run's folder, even if it looks like a time."""
-        if (
-            self.is_top_level
-            or not FOLDER_STAMP.fullmatch(self.folder.name)
-            or (self.folder / NAMED_NOTE_FILE).exists()
-        ):
+        if self.is_top_level or not FOLDER_STAMP.fullmatch(self.folder.name):
             return True
-        return self._recorded_name not in ("", self.folder.parent.name)
+        return (self.folder / NAMED_NOTE_FILE).exists() or self._recorded_name not in ("", self.folder.parent.name)
 
     @property
     def experiment(self) -> str:
@@ -148,11 +146,6 @@ class StoredRun:
                 folder.rmdir()
         return size
 
-    @property
-    def end_time(self) -> float:
-        """Time of the last sample of the recording (s)."""
-        return last_time(self.recording) or 0.0
-
 
 def stored_runs(results: Path, experiments: Sequence[str] = ()) -> list[StoredRun]:
     """Return the stored runs in a folder of results, grouped by experiment: newest first, then user-named ones."""
@@ -167,8 +160,7 @@ def stored_runs(results: Path, experiments: Sequence[str] = ()) -> list[StoredRu
 
 def stored_run(recording: Path) -> StoredRun:
     """Return the stored run that wrote a recording; its folder is resolved from links."""
-    folder = recording.parent.resolve()
-    return StoredRun(folder, recording, False)
+    return StoredRun(recording.parent.resolve(), recording, False)
 
 
 def other_folders(results: Path) -> dict[str, int]:
@@ -247,7 +239,7 @@ class CurrentExperiments:
         return self._facts[known]
 
 
-def describe_differences(run: StoredRun, now: CurrentExperiments) -> tuple[dict[str, tuple[str, str]], str]:
+def describe_differences(run: StoredRun, now: CurrentExperiments) -> tuple[Differences, str]:
     """Return a run's differences from its experiment's current file, or else why they cannot be listed."""
     if "system" in run.metadata:
         return {}, "a system of FMUs, without an experiment"
@@ -257,9 +249,6 @@ def describe_differences(run: StoredRun, now: CurrentExperiments) -> tuple[dict[
         return now.differences(run), ""
     except TwinError as problem:
         return {}, str(problem).splitlines()[0].removesuffix(":")
-
-
-Differences = Mapping[str, tuple[str, str]]
 
 
 def runs_text(
@@ -293,11 +282,11 @@ def run_lines(run: StoredRun) -> list[str]:
 
 def verdict(run: StoredRun) -> str:
     if not run.is_finished:
-        return f"not finished: ends at {run.end_time:.3g} s"
+        return f"not finished: ends at {last_time(run.recording) or 0.0:.3g} s"
     words = []
     if run.summary.get("trip"):
         words.append("safety trip")
-    elif any(level in ("ERROR", "FATAL") for _, level, _ in _events(run.summary)):
+    elif any(level in ("ERROR", "FATAL") for level in _event_levels(run.summary)):
         words.append("failed")
     outcome = run.summary.get("outcome")
     if isinstance(outcome, dict):
@@ -324,13 +313,9 @@ def difference_lines(differences: Differences, why: str) -> list[str]:
     if why:
         return wrap_text(f"not compared with its file: {why}", DETAIL_INDENT, later=8)
     lines = []
-    for key, (then, now) in list(differences.items())[:MAX_DIFFERENCES]:
-        lines += wrap_text(
-            f"{key} was {shorten(then, MAX_VALUE_LENGTH)}, is {shorten(now, MAX_VALUE_LENGTH)} now",
-            DETAIL_INDENT,
-            later=8,
-            whole=True,
-        )
+    for key, values in list(differences.items())[:MAX_DIFFERENCES]:
+        then, now = (shorten(value, MAX_VALUE_LENGTH) for value in values)
+        lines += wrap_text(f"{key} was {then}, is {now} now", DETAIL_INDENT, later=8, whole=True)
     more = len(differences) - MAX_DIFFERENCES
     return [*lines, *([f"{DETAIL_INDENT}and {count_text(more, 'more difference')}"] if more > 0 else [])]
 
@@ -343,10 +328,10 @@ def size_text(size: float) -> str:
     raise AssertionError
 
 
-def _events(summary: Mapping[str, Any]) -> list[tuple[Any, Any, Any]]:
+def _event_levels(summary: Mapping[str, Any]) -> list[Any]:
     events = summary.get("events")
     listed = events if isinstance(events, list) else []
-    return [(one[0], one[1], one[2]) for one in listed if isinstance(one, list) and len(one) == 3]
+    return [one[1] for one in listed if isinstance(one, list) and len(one) == 3]
 
 
 def list_runs(results: Path, experiments: Sequence[str], say: Say) -> Answer:
@@ -398,7 +383,10 @@ def removal_text(doomed: Sequence[StoredRun]) -> str:
     lines = [f"{count_text(len(doomed), 'run')}, {size_text(sum(run.size for run in doomed))}, would go:"]
     for experiment, runs in groupby(doomed, lambda run: run.experiment):
         lines += [experiment, *(line for run in runs for line in run_lines(run))]
-    return "\n".join([*lines, *_remaining_lines(doomed)])
+    if left := [str(path) for run in doomed for path in run.other_files]:
+        lines += ["stays, because twin did not write it:", *(f"  {path}" for path in left[:MAX_LISTED_FILES])]
+        lines += [f"  and {len(left) - MAX_LISTED_FILES} more"] if len(left) > MAX_LISTED_FILES else []
+    return "\n".join(lines)
 
 
 def remove_runs(doomed: Sequence[StoredRun]) -> str:
@@ -414,14 +402,3 @@ def remove_runs(doomed: Sequence[StoredRun]) -> str:
                 run.folder.parent.rmdir()
     stays = f"; {count_text(others, 'file')} that twin did not write stayed" if others else ""
     return f"removed {count_text(len(doomed), 'run')}, {size_text(size)}{stays}"
-
-
-def _remaining_lines(doomed: Sequence[StoredRun]) -> list[str]:
-    """Return lines on files in the removed runs' folders that twin did not write."""
-    left = [str(path) for run in doomed for path in run.other_files]
-    more = [f"  and {len(left) - MAX_LISTED_FILES} more"] if len(left) > MAX_LISTED_FILES else []
-    return (
-        ["stays, because twin did not write it:", *(f"  {path}" for path in left[:MAX_LISTED_FILES]), *more]
-        if left
-        else []
-    )

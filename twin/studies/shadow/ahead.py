@@ -15,7 +15,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -66,10 +66,8 @@ another controller moves the robot, or one at another point of its program."""
 MADE_PORT = Port("made", 1, "s", "time of the estimate that is gone out from")
 _TAU_L, _THETA_L = (port_slices(ESTIMATOR_OUTPUTS)[name] for name in ("tau_l", "theta_l"))
 _F_Z = port_slices(OUTPUTS)["F_ee_B"].start + 2
-_FORCE_DEVIATION, _FILTER_STARTED = (
-    port_slices(OUTPUTS)["deviation"].start + FORCE + 2,
-    port_slices(OUTPUTS)["started"].start,
-)
+_FORCE_DEVIATION = port_slices(OUTPUTS)["deviation"].start + FORCE + 2
+_FILTER_STARTED = port_slices(OUTPUTS)["started"].start
 UNUSED_TABLES = {
     "contact": "where the surface is, and how stiff, comes from the estimate",
     "monitor": "branches have no monitor",
@@ -257,10 +255,7 @@ class _PredictingPart:
     def __init__(self, ahead: SessionBranches, law: OwnController, state: RobotState):
         self._ahead, self._law, self._state = ahead, law, state
         what_if = {
-            f"what_if/{k}": (
-                MADE_PORT,
-                *(Port(p.name, p.size, p.unit, f"{p.meaning}, {name}") for p in PREDICTION_PORTS),
-            )
+            f"what_if/{k}": (MADE_PORT, *(replace(p, meaning=f"{p.meaning}, {name}") for p in PREDICTION_PORTS))
             for k, name in enumerate(ahead.score.what_if_differences, start=1)
         }
         self.topics: dict[str, tuple[Port, ...]] = {**law.topics, **state.topics, "ahead": AHEAD_PORTS, **what_if}

@@ -111,11 +111,9 @@ class Branching:
 
     def __init__(self, experiment: Experiment, where: str = ""):
         others = {role: part for role, part in experiment.stand_ins.items() if role not in ("monitor", "scale")}
-        bare = replace(
-            experiment, monitor=None, scale=None, faults=(), stand_ins=others, duration_ticks=ENDLESS_TICKS
-        )  # fmt: skip
         if others:
             raise InputRefused(f"{where}{', '.join(others)} of others cannot be put where the robot's is")
+        bare = replace(experiment, monitor=None, scale=None, faults=(), stand_ins={}, duration_ticks=ENDLESS_TICKS)
         self._assembly = assemble(bare)
         try:
             system, made = self._assembly.system, self._assembly.components_by_row
@@ -176,7 +174,7 @@ class Branching:
         Returns:
             The reached tick, a multiple of the controller's period.
         """
-        call = self.call
+        call = self.period * self.tick
         gaps = np.diff(t, prepend=max(self._at * self.tick + self._skipped, self._last))
         # over a long gap drives keep their state; nothing is stepped or stored
         skips = np.where(gaps > MAX_FOLLOWED_GAP, call * np.floor(gaps / call), 0.0)
@@ -186,7 +184,7 @@ class Branching:
         values = np.ones((len(t) + 1, 7))
         values[0], values[1:, :3], values[1:, 3:6] = self._now, omega_ref, tau_load
         self._now = values[-1]
-        end = max(self._at, self.period * round(float(t[-1]) / (self.period * self.tick)))
+        end = max(self._at, self.period * round(float(t[-1]) / call))
         # a sample slightly after a tick counts for that tick
         due = (np.arange(self._at, end) + 0.25) * self.tick
         self._held.append(values[t.searchsorted(due, side="right")])
@@ -205,20 +203,14 @@ class Branching:
         for drive, inputs in zip(self._drives, self._inputs, strict=True):
             rows, status = play(drive, starts, lengths, held[:, inputs], count, self._shafts[drive.name])
             if status:
-                raise ComponentFailed(
-                    f"{drive.label} ({drive.name}) {drive.explain(status)} before t = {self._at * self.tick:.3f} s"
-                )
+                end = f"before t = {self._at * self.tick:.3f} s"
+                raise ComponentFailed(f"{drive.label} ({drive.name}) {drive.explain(status)} {end}")
             self._shafts[drive.name] = rows[-1]
 
     @property
     def command(self) -> NDArray[np.float64]:
         """Newest command to the drives (3,), rad/s."""
         return self._now[:3]
-
-    @property
-    def call(self) -> float:
-        """Call period of the controller (s)."""
-        return self.period * self.tick
 
     @property
     def parameters(self) -> NDArray:

@@ -19,6 +19,7 @@ from twin.robot.plant.contact_law import pressing_force
 from twin.robot.plant.dynamics import PARAMETERS_RECORD
 from twin.studies.shadow.layout import FORCE, POSITION, TOUCH_FORCE, VELOCITY
 
+Numbers = NDArray[np.float64]
 AIR_CLEARANCE = 1e-3
 """Minimum height over the surface for free air (m): surfaces differ by 0.5 mm, zeros of 0.05 deg by 0.2 mm."""
 STIFFNESS_FORCE = 1.5
@@ -104,14 +105,10 @@ class ContactEstimate:
         zero = float(p["k_s"] * p["N"] * p["eta"] * (1.0 + p["N"])) * ENCODER_ZERO
         # uniform distributions
         variances = np.array([zero**2, zero**2, zero**2, (JOINT_FRICTION / 2.0) ** 2], dtype=np.float64) / 3.0
-        self._prior: NDArray[np.float64] = np.diag(np.asarray(1.0 / variances, dtype=np.float64))
+        self._prior: Numbers = np.diag(np.asarray(1.0 / variances, dtype=np.float64))
         self._A, self._b = np.zeros((4, 4)), np.zeros(4)
-        self._before: NDArray[np.float64] = self._prior @ [
-            0.0,
-            0.0,
-            0.0,
-            float(p["joint_friction"]) or JOINT_FRICTION / 2.0,
-        ]
+        friction = float(p["joint_friction"]) or JOINT_FRICTION / 2.0
+        self._before: Numbers = self._prior @ [0.0, 0.0, 0.0, friction]
         self._solve_zeros()
 
     def snapshot(self) -> "ContactEstimate":
@@ -124,17 +121,17 @@ class ContactEstimate:
         found[3] = min(max(found[3], 0.0), MAX_FRICTION)
         self.zeros = found
 
-    def tare(self, J: NDArray[np.float64]) -> NDArray[np.float64]:
+    def tare(self, J: Numbers) -> Numbers:
         """Compute the apparent force (3,), N, caused by encoder zeros and dry friction."""
-        force: NDArray[np.float64] = J.T @ (self.zeros[:3] + self.zeros[3] * self.friction_share)
+        force: Numbers = J.T @ (self.zeros[:3] + self.zeros[3] * self.friction_share)
         return force
 
-    def force_deviation(self, J: NDArray[np.float64]) -> float:
+    def force_deviation(self, J: Numbers) -> float:
         """Compute the standard deviation of the pressing force (N) due to encoder zeros and dry friction."""
         reads = np.append(J[:, 2], J[:, 2] @ self.friction_share)
         return math.sqrt(float(reads @ np.linalg.solve(self._prior + self._A, reads)))
 
-    def drag(self, t: NDArray[np.float64], theta_l: NDArray[np.float64]) -> None:
+    def drag(self, t: Numbers, theta_l: Numbers) -> None:
         """Update the dry friction of the joints with their angles (n, 3), rad, at `t` (n,), s."""
         h = t - np.concatenate([[t[0] if math.isnan(self._last) else self._last], t[:-1]])
         # new arrays, since copies of this object share the old ones
@@ -144,7 +141,7 @@ class ContactEstimate:
         carried = (joints - anchors) / self._presliding
         self.friction_share = np.where(np.isnan(carried), 0.0, carried)
 
-    def learn(self, x: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]) -> None:
+    def learn(self, x: Numbers, J: Numbers, s_B: Numbers) -> None:
         """Update encoder zeros, surface height or stiffness from an estimate of the robot's state."""
         if not abs(x[VELOCITY + 2]) < MAX_LEARNING_SPEED:
             return
@@ -152,10 +149,8 @@ class ContactEstimate:
         if seen["depth"] < -AIR_CLEARANCE:
             rows = np.column_stack([np.eye(3), self.friction_share]) / TORQUE_DEVIATION
             torques = np.linalg.solve(J.T, x[FORCE : FORCE + 3]) / TORQUE_DEVIATION
-            self._A, self._b = (
-                FORGETTING_FACTOR * self._A + rows.T @ rows,
-                FORGETTING_FACTOR * self._b + rows.T @ torques,
-            )
+            self._A = FORGETTING_FACTOR * self._A + rows.T @ rows
+            self._b = FORGETTING_FACTOR * self._b + rows.T @ torques
             self._solve_zeros()
         elif touches(seen) and seen["pressing"] < STIFFNESS_FORCE:
             height = float(seen["wanted"] - seen["depth"]) / float(seen["up"]) + _finite_or(self.height, 0.0)
@@ -164,9 +159,7 @@ class ContactEstimate:
             share = _finite_or(self.share, 1.0) * float(seen["pressing"] / seen["law"])
             self.share = min(max(share, MIN_STIFFNESS_SHARE), MAX_STIFFNESS_SHARE)
 
-    def correct_in_air(
-        self, x: NDArray[np.float64], P: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]
-    ) -> None:
+    def correct_in_air(self, x: Numbers, P: Numbers, J: Numbers, s_B: Numbers) -> None:
         """Correct an estimated state in free air in place: zeros and friction cause the only force, even if the filter
         infers another one from a fast motion.
 
@@ -178,19 +171,14 @@ class ContactEstimate:
             x += gain @ (self.tare(J) - x[force])
             P -= gain @ P[force]
 
-    def pressing(self, x: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]) -> float:
+    def pressing(self, x: Numbers, J: Numbers, s_B: Numbers) -> float:
         """Compute the force into the surface, N, from an estimate of the robot's state."""
         seen = self._contact_record(x, J, s_B)
         return float(seen["pressing"]) if touches(seen) else 0.0
 
     def contact(
-        self,
-        x: NDArray[np.float64],
-        J: NDArray[np.float64],
-        s_B: NDArray[np.float64],
-        higher: float = 0.0,
-        share: float = 1.0,
-    ) -> tuple[float, float, NDArray[np.float64]]:
+        self, x: Numbers, J: Numbers, s_B: Numbers, higher: float, share: float
+    ) -> tuple[float, float, Numbers]:
         """Compute height (m), stiffness (N/m) and bristle (2,), m, of a surface that exerts the estimated force.
 
         Args:
@@ -212,7 +200,7 @@ class ContactEstimate:
         size = float(np.hypot(*along))
         return height, float(p["K"]), along / float(p["sigma_0"]) * (min(1.0, limit / size) if size else 1.0)
 
-    def _contact_record(self, x: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]) -> NDArray:
+    def _contact_record(self, x: Numbers, J: Numbers, s_B: Numbers) -> NDArray:
         """Compute the contact at an estimated state, without zeros and friction, as a record of `_TOUCH_RECORD`."""
         seen: NDArray = self._touch[0]
         seen["p"], seen["v"] = x[POSITION : POSITION + 3] - s_B[:3], x[VELOCITY : VELOCITY + 3] - s_B[3:]

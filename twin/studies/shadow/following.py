@@ -167,22 +167,18 @@ class RobotState:
         if self._made:
             made = [self._made.popleft() for _ in samples.t]
             self._estimates = np.array([estimated for _, estimated in made])
-            return {"shadow": self._widen_deviations(np.array([y for y, _ in made]), self._estimates, rows)}
-        u = samples.held_commands(self._omega_ref).u
-        self._omega_ref = u[-1, COMMANDS]
-        found = np.full((len(u), width(OUTPUTS)), np.nan)
-        rows_made = self._stepped.rows(samples.t, u)
-        found[: len(rows_made)] = rows_made
-        self._estimates = self._stepped.copies[1:]
-        return {"shadow": self._widen_deviations(found, self._estimates, rows)}
-
-    def _widen_deviations(
-        self, found: NDArray[np.float64], estimates: NDArray[np.uint8], rows: Rows
-    ) -> NDArray[np.float64]:
+            found = np.array([y for y, _ in made])
+        else:
+            u = samples.held_commands(self._omega_ref).u
+            self._omega_ref = u[-1, COMMANDS]
+            found = np.full((len(u), width(OUTPUTS)), np.nan)
+            rows_made = self._stepped.rows(samples.t, u)
+            found[: len(rows_made)] = rows_made
+            self._estimates = self._stepped.copies[1:]
         y, tau_l = values_by_port(OUTPUTS, found), values_by_port(ESTIMATOR_OUTPUTS, rows["estimator"])["tau_l"]
-        J = np.ascontiguousarray(estimates[:, -9 * 8 :]).view(np.float64).reshape(-1, 3, 3)
+        J = np.ascontiguousarray(self._estimates[:, -9 * 8 :]).view(np.float64).reshape(-1, 3, 3)
         found[:, DEVIATION_COLUMNS] = self._healthy.widen(y["deviation"], y["NIS"], y["used"], J, tau_l)
-        return found
+        return {"shadow": found}
 
 
 def own_controllers(experiment: Experiment) -> list[OwnController]:
