@@ -21,7 +21,7 @@ from twin.studies.shadow import study
 from twin.studies.shadow.alarm import CHANNELS, Tolerances
 
 JUMP = "fault=[{kind='encoder_bias', target='joint_encoder_1', onset_s=3.0, magnitude_deg=0.3}]"
-LIMITS = Tolerances(dict.fromkeys(CHANNELS, 1e9) | {"spread": 0.3}, dict.fromkeys(CHANNELS, 0.01))
+LIMITS = {500.0: Tolerances(dict.fromkeys(CHANNELS, 1e9) | {"spread": 0.3}, dict.fromkeys(CHANNELS, 0.01))}
 
 
 @pytest.fixture(scope="module")

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from tests.command_line import twin
+from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.log import Log, LogSeries
 from twin.kernel.recording.reader import Recording
 from twin.kernel.serialise import to_dict
 from twin.studies.compare.comparison import Comparison, compare_logs, experiments_differ
 from twin.studies.compare.signal_row import coverage
 from twin.studies.compare.text import differences_lines
-from twin.studies.compare.tolerance import ComparisonError, alignment, rules
+from twin.studies.compare.tolerance import alignment, rules
 
 from .logs import log_of
 
@@ -202,7 +203,7 @@ def test_units_of_one_dimension_are_one_and_others_are_refused_with_the_remedy()
     t = T[:3]
     a = log_of(t, F=t, p=t)
     b = Log(Path("b.csv"), {"F": LogSeries(t, t, "1"), "p": LogSeries(t, t, "m")})
-    with pytest.raises(ComparisonError) as refused:
+    with pytest.raises(InputRefused) as refused:
         compare_logs(a, b)
     assert str(refused.value) == (
         "F is in N in a.csv but in 1 in b.csv; b.csv states no unit; --map F=COLUMN[UNIT]\n"
@@ -219,13 +220,13 @@ def test_units_of_one_dimension_are_one_and_others_are_refused_with_the_remedy()
     ],
 )
 def test_what_does_not_fit_is_refused(b: dict, others: dict, expected: str):
-    with pytest.raises(ComparisonError) as refused:
+    with pytest.raises(InputRefused) as refused:
         compare_logs(log_of(T, F=T), log_of(T, b, "b.csv"), **others)
     assert str(refused.value).startswith(expected)
 
 
 def test_a_short_name_leads_to_the_long_ones():
-    with pytest.raises(ComparisonError) as refused:
+    with pytest.raises(InputRefused) as refused:
         against(log_of(T, {"controller.F_z": T, "scale.F_z": T}), log_of(T, F_z=T))
     assert str(refused.value) == (
         "b.csv: 'F_z' could be controller.F_z or scale.F_z; choose with --map controller.F_z=COLUMN[UNIT]"
@@ -233,5 +234,5 @@ def test_a_short_name_leads_to_the_long_ones():
 
 
 def test_logs_of_different_times_are_refused_with_the_remedy():
-    with pytest.raises(ComparisonError, match=r"a.csv has 0 .. 9.999 s, b.csv has 50 .. 59.999 s; align them with"):
+    with pytest.raises(InputRefused, match=r"a.csv has 0 .. 9.999 s, b.csv has 50 .. 59.999 s; align them with"):
         against(log_of(T, F=T), log_of(T + 50.0, F=T))

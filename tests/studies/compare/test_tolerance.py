@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from tests.conftest import examples
+from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.column_map import require_unit
 from twin.studies.compare.tolerance import (
     Allowance,
-    ComparisonError,
     alignment,
     allowance,
     matches,
@@ -78,14 +78,14 @@ def test_a_pattern_fits_components_and_brackets_are_indices(pattern: str, signal
 
 @pytest.mark.parametrize("text", ["", "F=", "F=x", "F=-1N", "F=1Nx", "F=1N@1N", "F=1N@", "F=1e999N", "=1N"])
 def test_what_is_no_rule_is_refused(text: str):
-    with pytest.raises(ComparisonError, match="--tol"):
+    with pytest.raises(InputRefused, match="--tol"):
         rules([text])
 
 
 def test_every_mistake_of_a_file_is_told_with_its_place(tmp_path: Path):
     file = tmp_path / "tol.toml"
     file.write_text('F = "x"\nG = 3\n')
-    with pytest.raises(ComparisonError) as refused:
+    with pytest.raises(InputRefused) as refused:
         rules([file, "nowhere.toml"])
     assert [line.partition(":")[0] for line in str(refused.value).splitlines()] == [
         str(file),
@@ -95,7 +95,7 @@ def test_every_mistake_of_a_file_is_told_with_its_place(tmp_path: Path):
 
 
 def test_a_tolerance_of_another_dimension_is_refused_where_the_signal_is_named():
-    with pytest.raises(ComparisonError, match=r"tolerance of controller\.F_z is in m, but it is in N"):
+    with pytest.raises(InputRefused, match=r"tolerance of controller\.F_z is in m, but it is in N"):
         allowed("controller.F_z", "controller.F_z=1mm")
 
 
@@ -210,15 +210,15 @@ def test_events_are_aligned_where_the_signal_crosses_the_middle_of_the_range():
     ],
 )
 def test_an_alignment_that_says_too_little_is_refused(kind: str, signal: str, max_shift: float, expected: str):
-    with pytest.raises(ComparisonError, match=expected):
+    with pytest.raises(InputRefused, match=expected):
         alignment(kind, signal, max_shift)
 
 
 def test_a_signal_that_shows_nothing_is_refused():
     flat, low = log_of(T, F=np.ones_like(T)), log_of(T, F=0.1 * bump(T))
-    with pytest.raises(ComparisonError, match="is constant"):
+    with pytest.raises(InputRefused, match="is constant"):
         time_shift(log_of(T, F=bump(T)), flat, alignment("fit", "F"))
-    with pytest.raises(ComparisonError, match=r"F never crosses 0\.5"):
+    with pytest.raises(InputRefused, match=r"F never crosses 0\.5"):
         time_shift(log_of(T, F=bump(T)), low, alignment("event", "F"))
-    with pytest.raises(ComparisonError, match="overlap by less than half"):
+    with pytest.raises(InputRefused, match="overlap by less than half"):
         time_shift(log_of(T, F=bump(T)), log_of(T + 50.0, F=bump(T)), alignment("fit", "F"))

@@ -214,10 +214,10 @@ def test_samples_go_on_while_it_is_looked_for(monkeypatch: pytest.MonkeyPatch):
 
     monkeypatch.setattr(reidentification, "reidentify", slow)
     one = Reidentifier(TWIN, wait=False)
-    one.keep(np.arange(10.0), np.zeros((10, 13)))
+    one.ring.keep(np.arange(10.0), np.zeros((10, 13)))
     one.ask(0.0, 9.0)
     assert one.answer() == ""
-    one.keep(np.arange(10.0, 20.0), np.zeros((10, 13)))
+    one.ring.keep(np.arange(10.0, 20.0), np.zeros((10, 13)))
     may.set()
     while not (text := one.answer()):
         pass

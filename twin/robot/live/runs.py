@@ -189,11 +189,8 @@ def _isolated_drives(reporter: Reporter, limit_step: float) -> AbstractContextMa
 def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: Any) -> None:
     """Run and record experiments, served to live viewers; each run begins with its first viewer.
 
-    Notes: {"line": text of the server for the user}; the others are those of `recorded_runs`.
-
-    Args:
-        port, origins: see `LiveServer`.
-        arguments: of `recorded_runs`.
+    Notes: {"line": text of the server for the user}; the others are those of `recorded_runs`. Arguments as of
+    `LiveServer` and `recorded_runs`.
 
     Raises:
         InputRefused: websockets is not installed, the port is taken, or an origin is invalid.

@@ -224,7 +224,6 @@ class Broadcast:
     """The live server of one run, in a thread of its own; it listens once constructed.
 
     Attributes:
-        port: actual port.
         news: messages about refused connections; None marks the first subscription.
         wanted: channels with a subscriber.
         lacking: constant channels whose message a subscriber still lacks.

@@ -36,9 +36,6 @@ class SceneSource(Protocol):
 class Topics:
     """Channels of a run for live viewers and their messages, with the names, schemas and units of the recording.
 
-    Args:
-        streams, scene, tick: see `twin.robot.run.viewer.Viewer.begin`.
-
     Attributes:
         channels: channels of the streams, in order, of the scene, such as `/scene`, `/tf` and `/force`, and `/events`.
     """

@@ -17,7 +17,6 @@ from twin.robot.experiment.differences import differing_values, recorded_compara
 from twin.studies.compare.signal_row import SignalRow, TubeCurves, signal_row, tube_curves
 from twin.studies.compare.tolerance import (
     Alignment,
-    ComparisonError,
     Rule,
     TimeShift,
     allowance,
@@ -39,7 +38,7 @@ def read_logs(
     """Read the compared time span `part` (s) of two logs; a CSV may name signals of the other, see `read_csv`."""
     columns = column_map(maps)
     if columns and is_recording(a) and is_recording(b):
-        raise ComparisonError("--map: both are recordings of twin, whose signals have their names; leave it out")
+        raise InputRefused("--map: both are recordings of twin, whose signals have their names; leave it out")
     found: dict[int, Log] = {}
     known: dict[str, str] = {}
     for place, path in sorted(enumerate((a, b)), key=lambda one: kind_of(one[1]) is LogKind.CSV):
@@ -139,7 +138,7 @@ def compare_logs(
         else:
             apart.append(name)
     if not rows:
-        raise ComparisonError(no_overlap(a, b, apart[0], moved.seconds))
+        raise InputRefused(no_overlap(a, b, apart[0], moved.seconds))
     notes = [read.text for read in digitised]
     notes += [f"{log.path.name}: {note}" for log in (a, b) for note in log.notes]
     notes += [f"no instants in common: {', '.join(apart)}"] if apart else []

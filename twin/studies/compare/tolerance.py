@@ -45,10 +45,6 @@ MAX_SHIFTS = 500
 """Maximum number of shifts tried in either direction before the best is refined."""
 
 
-class ComparisonError(InputRefused):
-    """Error for two logs or tolerances that are incompatible; the message has found, expected and remedy."""
-
-
 @dataclass(frozen=True)
 class Rule:
     """Tolerance rule of a comparison, for the signals that match a pattern.
@@ -98,7 +94,7 @@ def rules(entries: Sequence[str | Path]) -> tuple[Rule, ...]:
             pattern, equals, text = entry.rpartition("=")
             _add(found, mistakes, "--tol", pattern.strip() if equals else "*", text)
     if mistakes:
-        raise ComparisonError("\n".join(mistakes))
+        raise InputRefused("\n".join(mistakes))
     return tuple(found)
 
 
@@ -120,7 +116,7 @@ def allowance(signal: str, unit: Unit, span: float, magnitude: float, given: Ite
             value = rule.value
         elif rule.value is not None and not set("*?") & set(rule.pattern):
             got = rule.dimension or Dimension()
-            raise ComparisonError(
+            raise InputRefused(
                 f"tolerance of {rule.pattern} is in {Unit(got).si}, but it is in {unit.si}"
                 f"{weight_hint(got, unit.dimension)}"
             )
@@ -253,11 +249,11 @@ class TimeShift(NamedTuple):
 def alignment(kind: str, signal: str = "", max_shift: float = 1.0) -> Alignment:
     """Convert the options --align, --by and --max-shift to a method of time alignment."""
     if kind not in get_args(Kind):
-        raise ComparisonError(f"--align {kind}: expected one of {', '.join(get_args(Kind))}")
+        raise InputRefused(f"--align {kind}: expected one of {', '.join(get_args(Kind))}")
     if kind in ("event", "fit") and not signal:
-        raise ComparisonError(f"--align {kind}: expected a signal; add --by SIGNAL")
+        raise InputRefused(f"--align {kind}: expected a signal; add --by SIGNAL")
     if not 0.0 < max_shift < np.inf:
-        raise ComparisonError(f"--max-shift {max_shift:g}: expected a time > 0 s")
+        raise InputRefused(f"--max-shift {max_shift:g}: expected a time > 0 s")
     return Alignment(cast(Kind, kind), signal, max_shift)
 
 
@@ -269,7 +265,7 @@ def time_shift(a: Log, b: Log, how: Alignment) -> TimeShift:
         return TimeShift(float(first[0] - first[1]))
     ours, theirs = a[how.signal], b[how.signal]
     if np.ptp(ours.values) == 0.0 or np.ptp(theirs.values) == 0.0:
-        raise ComparisonError(f"--by {how.signal}: is constant and cannot be aligned")
+        raise InputRefused(f"--by {how.signal}: is constant and cannot be aligned")
     if how.kind == "event":
         return _event_shift(a, b, how.signal)
     return _best_shift(ours, theirs, how.max_shift)
@@ -282,7 +278,7 @@ def _event_shift(a: Log, b: Log, signal: str) -> TimeShift:
         t, above = log[signal].t, log[signal].values - level
         crossings = np.flatnonzero((above[1:] >= 0.0) != (above[:-1] >= 0.0))
         if not len(crossings):
-            raise ComparisonError(f"{log.path}: {signal} never crosses {level:.4g}, the middle of the first's range")
+            raise InputRefused(f"{log.path}: {signal} never crosses {level:.4g}, the middle of the first's range")
         k = crossings[0]
         times.append(float(t[k] + (t[k + 1] - t[k]) * above[k] / (above[k] - above[k + 1])))
     return TimeShift(times[0] - times[1])
@@ -308,7 +304,7 @@ def _best_shift(ours: LogSeries, theirs: LogSeries, limit: float) -> TimeShift:
     grid = np.linspace(-limit, limit, 2 * count + 1)
     costs = np.array([rms(seconds) for seconds in grid])
     if not np.isfinite(costs).any():
-        raise ComparisonError(
+        raise InputRefused(
             f"--align fit: within {limit:g} s the logs overlap by less than half of the shorter; widen --max-shift, or "
             "try --align start"
         )
@@ -325,7 +321,7 @@ def common_units(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) 
     """Return the signals of both logs to compare (patterns; empty for all) with units; each rule must match one."""
     common = [name for name in a.series if name in b.series]
     if not common:
-        raise ComparisonError(_nothing_in_common(a, b))
+        raise InputRefused(_nothing_in_common(a, b))
     mistakes = [
         f"--signal {pattern}: no such signal is in both logs; {_nearest(pattern, common)}"
         for pattern in signals
@@ -346,7 +342,7 @@ def common_units(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) 
             hint += weight_hint(_unit(b[name]).dimension, units[name].dimension)
             mistakes.append(f"{name} is in {a[name].unit} in {a.path} but in {b[name].unit} in {b.path}; {hint}")
     if mistakes:
-        raise ComparisonError("\n".join(mistakes))
+        raise InputRefused("\n".join(mistakes))
     return units
 
 

@@ -28,20 +28,7 @@ from twin.robot.controller.controller import Belief
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import jacobian_rows, position
 from twin.robot.mechanism.statics import arm_gravity_torque, platform_weight
-from twin.studies.identify.parameters import (
-    BACKLASH,
-    COMPLIANCE,
-    DAMPING,
-    DELAY,
-    FRICTION,
-    HEIGHT,
-    JOINT_ZERO,
-    KAPPA,
-    LOSS,
-    OFFSET,
-    RATE,
-    SLOPE,
-)
+from twin.studies.identify import parameters as places
 from twin.studies.identify.windows import Windows, in_air, on_scale
 
 PLAUSIBLE_COMPLIANCE = 1e-3
@@ -94,7 +81,7 @@ def pose(belief: Belief, theta_l: NDArray[np.float64]) -> Pose:
 
 def deflections(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.float64]:
     """Compute the spring deflections motor - N joint - zero (n, 3), rad."""
-    return seen.motor - N * seen.joint - x[OFFSET : OFFSET + 3]
+    return seen.motor - N * seen.joint - x[places.OFFSET : places.OFFSET + 3]
 
 
 def subtract_dead_zone(w: NDArray[np.float64], half_width: float) -> NDArray[np.float64]:
@@ -104,14 +91,14 @@ def subtract_dead_zone(w: NDArray[np.float64], half_width: float) -> NDArray[np.
 
 def clear_of_edges(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.bool_]:
     """Check per window (n,) that deflections stay off the dead zone's edges, so that the spring law is linear."""
-    return np.all(np.abs(deflections(x, seen, N)) > max(x[BACKLASH], 0.0) + seen.spread, axis=1)
+    return np.all(np.abs(deflections(x, seen, N)) > max(x[places.BACKLASH], 0.0) + seen.spread, axis=1)
 
 
 def joint_torques(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.float64]:
     """Compute the torques on the links, spring torque less viscous friction tau_l - b_j theta_l' (n, 3), N m."""
-    d = subtract_dead_zone(deflections(x, seen, N), x[BACKLASH])
-    direction = np.sign(d) * np.tanh(seen.speed / x[RATE])
-    return x[KAPPA] * N * np.exp(x[LOSS] * direction) * d - x[FRICTION] * seen.speed
+    d = subtract_dead_zone(deflections(x, seen, N), x[places.BACKLASH])
+    direction = np.sign(d) * np.tanh(seen.speed / x[places.RATE])
+    return x[places.KAPPA] * N * np.exp(x[places.LOSS] * direction) * d - x[places.FRICTION] * seen.speed
 
 
 def inertia(seen: Windows, belief: Belief, at: Pose) -> NDArray[np.float64]:
@@ -129,7 +116,6 @@ def rows(
     """Compute the residuals of all equations of statics at parameters `x` (17,).
 
     Args:
-        seen: windows in free air or in contact.
         resolution: step of the force (N).
         at: `pose` at x's zeros of the joints.
         surface: whether to include the scale's law, kind 2.
@@ -137,7 +123,7 @@ def rows(
     W = platform_weight(belief)
     torque = joint_torques(x, seen, belief.N) + at.g_a - inertia(seen, belief, at)
     air, scale = np.flatnonzero(in_air(seen)), np.flatnonzero(on_scale(seen))
-    per_torque = 1.0 / (x[KAPPA] * belief.N)
+    per_torque = 1.0 / (x[places.KAPPA] * belief.N)
     step_m, step_l = 2.0 * np.pi / belief.motor_counts, 2.0 * np.pi / belief.joint_counts
     rounding = np.hypot(step_m, belief.N * step_l) / np.sqrt(12.0)
 
@@ -145,7 +131,7 @@ def rows(
 
     J_z = at.J[scale, :, 2]
     length = np.linalg.norm(J_z, axis=1)
-    F = seen.force[scale] + x[DELAY] * seen.force_rate[scale]
+    F = seen.force[scale] + x[places.DELAY] * seen.force_rate[scale]
     per_newton = per_torque / length
     force = (np.sum(J_z * torque[scale], axis=1) - W + F) * per_newton
     force_rounding = np.hypot(rounding, resolution / np.sqrt(12.0) * per_newton)
@@ -153,8 +139,8 @@ def rows(
     law = slice(None) if surface else slice(0)
     under = scale[law]
     rate = np.sum(at.lift[under] * seen.speed[under], axis=1)
-    plane = x[HEIGHT] + at.p_B[under, :2] @ x[SLOPE : SLOPE + 2]
-    depth = at.p_B[under, 2] - plane + x[COMPLIANCE] * F[law] / (1.0 - x[DAMPING] * rate)
+    plane = x[places.HEIGHT] + at.p_B[under, :2] @ x[places.SLOPE : places.SLOPE + 2]
+    depth = at.p_B[under, 2] - plane + x[places.COMPLIANCE] * F[law] / (1.0 - x[places.DAMPING] * rate)
     turn = np.linalg.norm(at.lift[under], axis=1)
     depth_rounding = np.hypot(turn * step_l, PLAUSIBLE_COMPLIANCE * resolution) / np.sqrt(12.0)
     return Equations(
@@ -168,7 +154,7 @@ def rows(
 
 def pressing_force(x: NDArray[np.float64], seen: Windows, belief: Belief) -> NDArray[np.float64]:
     """Compute the force F_ee_B (n, 3), N, by statics with the parameters `x`, without the robot's weight."""
-    at = pose(belief, seen.joint - x[JOINT_ZERO : JOINT_ZERO + 3])
+    at = pose(belief, seen.joint - x[places.JOINT_ZERO : places.JOINT_ZERO + 3])
     F = np.einsum("nij,ni->nj", at.J, joint_torques(x, seen, belief.N) + at.g_a - inertia(seen, belief, at))
     F[:, 2] -= platform_weight(belief)
     return F

@@ -12,22 +12,12 @@ from twin.kernel.recording.logs.log import Log, LogError
 from twin.robot.controller.controller import Belief
 from twin.robot.mechanism.unreachable import Unreachable
 from twin.studies.command import Say, Steps, ignore_progress
+from twin.studies.identify import parameters as places
 from twin.studies.identify.balance import deflections, pose, pressing_force, subtract_dead_zone
 from twin.studies.identify.clustered import line
 from twin.studies.identify.estimate import Estimate
 from twin.studies.identify.fit import MAX_INTERVAL_SIZE, Fit, fit
 from twin.studies.identify.one_pose import OnePose, one_pose
-from twin.studies.identify.parameters import (
-    BACKLASH,
-    COMPLIANCE,
-    HEIGHT,
-    JOINT_ZERO,
-    KAPPA,
-    LOSS,
-    RATE,
-    SLOPE,
-    parameters,
-)
 from twin.studies.identify.windows import MIN_CONTACT_FORCE, MIN_COUNTS, Windows, in_air, on_scale, windows
 from twin.studies.replay.model import RobotModel
 from twin.studies.replay.replay import estimates
@@ -35,7 +25,7 @@ from twin.studies.replay.samples import robot_samples
 
 PLAUSIBLE_FACTOR = 5.0
 """Maximum factor between identified and believed k_s eta; beyond it units or signs are wrong."""
-LEVEL_PARAMETERS = (HEIGHT, SLOPE, SLOPE + 1)
+LEVEL_PARAMETERS = (places.HEIGHT, places.SLOPE, places.SLOPE + 1)
 """Known parameters of a level scale whose height was measured."""
 MAX_DEPTH_MISFIT = 2.0
 """Maximum misfit of depths under load by the misfit of the springs, or by rounding (4 micrometres); beyond it the
@@ -84,7 +74,7 @@ class Identification:
     @property
     def knows_loss(self) -> bool:
         """Whether ln(eta) is known, for belt losses by direction, from a comparison of loading and unloading."""
-        return self.fit.is_determined(self.fit.direction(LOSS), self.fit.unknowns[LOSS].size)
+        return self.fit.is_determined(self.fit.direction(places.LOSS), self.fit.unknowns[places.LOSS].size)
 
     def estimate(self, name: str) -> Estimate:
         """Return the estimate of an identified quantity; raise KeyError if it is not determined."""
@@ -130,7 +120,7 @@ def identify_log(
             f"{path}: scale.F_z never shows free air, its least is {np.min(seen.lowest):.2f} N; tare the scale, and "
             "record motion off it as well"
         )
-    unknowns = parameters(belief, model.plant.z_s if height is None else height)
+    unknowns = places.parameters(belief, model.plant.z_s if height is None else height)
     fixed = () if height is None else LEVEL_PARAMETERS
     notes = taken.notes
     steps.next("fitting springs and scale")
@@ -165,10 +155,10 @@ def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
     LogError, because units or signs are probably wrong: more than `PLAUSIBLE_FACTOR` times away from the belief, or no
     convergence. NotIdentifiable: the slow motion in the air and on the scale does not determine it.
     """
-    k, believed, axis = found.x[KAPPA], belief.k_s * belief.eta, found.direction(KAPPA)
+    k, believed, axis = found.x[places.KAPPA], belief.k_s * belief.eta, found.direction(places.KAPPA)
     pressing, air = int(np.sum(on_scale(found.seen))), int(np.sum(in_air(found.seen)))
     plausible = 1.0 / PLAUSIBLE_FACTOR < k / believed < PLAUSIBLE_FACTOR
-    determined = found.is_determined(axis, found.unknowns[KAPPA].size)
+    determined = found.is_determined(axis, found.unknowns[places.KAPPA].size)
     if determined and plausible and found.converged:
         return
     doubt = (
@@ -192,16 +182,17 @@ def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
 
 def _stiffness_quantities(found: Fit, belief: Belief, log: Log, motor_torque: bool) -> dict[str, Quantity]:
     """Collect k_s eta, and k_s and eta if motor torque or direction-dependent losses separate them."""
-    product = Estimate(float(found.x[KAPPA]), found.half_width(found.direction(KAPPA)), "N m/rad")
+    product = Estimate(float(found.x[places.KAPPA]), found.half_width(found.direction(places.KAPPA)), "N m/rad")
     k_s, eta, meaning = None, None, "k_s eta"
-    loss, width = float(found.x[LOSS]), found.half_width(found.direction(LOSS))
+    axis = found.direction(places.LOSS)
+    loss, width = float(found.x[places.LOSS]), found.half_width(axis)
     if motor_torque:
         k_s = spring_stiffness(found, belief, log)
         if k_s is not None:
             ratio = product.value / k_s.value
             share = float(np.hypot(product.half_width / product.value, k_s.half_width / k_s.value))
             eta = Estimate(ratio, ratio * share, "1")
-    elif found.is_determined(found.direction(LOSS), found.unknowns[LOSS].size) and loss + width < -MIN_LOSS:
+    elif found.is_determined(axis, found.unknowns[places.LOSS].size) and loss + width < -MIN_LOSS:
         # with direction-dependent losses (P1) the geometric mean of e^(+loss) and e^(-loss) is free of eta
         meaning = "k_s eta, mean of directions"
         k_s, eta = product, Estimate(float(np.exp(loss)), float(np.exp(loss)) * width, "1")
@@ -216,17 +207,17 @@ def _quantities(found: Fit, height: float | None) -> dict[str, Quantity]:
     """Collect the identified quantities other than stiffness, with the scale's stiffness instead of its compliance."""
     reported: dict[str, Quantity] = {}
     for index, one in enumerate(found.unknowns):
-        if index in (KAPPA, LOSS, RATE) or (index in LEVEL_PARAMETERS and height is not None):
+        if index in (places.KAPPA, places.LOSS, places.RATE) or (index in LEVEL_PARAMETERS and height is not None):
             continue
         axis, x = found.direction(index), float(found.x[index])
         estimate = Estimate(x, found.half_width(axis), one.unit) if found.is_determined(axis, one.size) else None
-        if index == COMPLIANCE:
+        if index == places.COMPLIANCE:
             if estimate is not None:
                 estimate = Estimate(1.0 / x, estimate.half_width / x**2, "N/m")
             reported["stiffness"] = Quantity("stiffness of the scale", None, estimate)
             continue
-        believed = one.start if index == HEIGHT or (one.unit == "rad" and index not in LEVEL_PARAMETERS) else None
-        reported[one.name] = Quantity(one.meaning, believed, estimate)
+        is_believed = index == places.HEIGHT or (one.unit == "rad" and index not in LEVEL_PARAMETERS)
+        reported[one.name] = Quantity(one.meaning, one.start if is_believed else None, estimate)
     return reported
 
 
@@ -234,7 +225,7 @@ def _inseparable_groups(found: Fit) -> tuple[tuple[str, ...], ...]:
     """Group the unknowns that the log cannot separate because they share an undetermined direction."""
     hidden = np.abs(found.unseen @ found.unseen.T)
     # the rate of a loss is meaningless without a loss
-    members = np.setdiff1d(np.flatnonzero(np.sqrt(np.diag(hidden)) > MAX_INTERVAL_SIZE), RATE)
+    members = np.setdiff1d(np.flatnonzero(np.sqrt(np.diag(hidden)) > MAX_INTERVAL_SIZE), places.RATE)
     _, group = connected_components(hidden[np.ix_(members, members)] > MAX_INTERVAL_SIZE**2, directed=False)
     return tuple(
         tuple(found.unknowns[i].meaning for i in members[group == number]) for number in dict.fromkeys(group.tolist())
@@ -243,7 +234,7 @@ def _inseparable_groups(found: Fit) -> tuple[tuple[str, ...], ...]:
 
 def friction(springs: Fit, seen: Windows, belief: Belief) -> Estimate | None:
     """Estimate mu under the head from sliding windows in order of time; None without sliding."""
-    at = pose(belief, seen.joint - springs.x[JOINT_ZERO : JOINT_ZERO + 3])
+    at = pose(belief, seen.joint - springs.x[places.JOINT_ZERO : places.JOINT_ZERO + 3])
     v = np.linalg.solve(at.J, seen.speed[..., None])[..., 0]
     sliding = _sliding(seen, v[:, :2])
     if not np.any(sliding):
@@ -294,7 +285,7 @@ def spring_stiffness(springs: Fit, belief: Belief, log: Log) -> Estimate | None:
 
     def equations(x: NDArray[np.float64]) -> NDArray[np.float64]:
         A = np.zeros((3 * len(seen.t), 7))
-        A[:, 0] = subtract_dead_zone(deflections(x, seen, belief.N), x[BACKLASH]).ravel()
+        A[:, 0] = subtract_dead_zone(deflections(x, seen, belief.N), x[places.BACKLASH]).ravel()
         for i in range(3):
             A[i::3, 1 + i] = np.sign(seen.speed[:, i])
             A[i::3, 4 + i] = 1.0

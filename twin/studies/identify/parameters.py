@@ -20,7 +20,6 @@ class Parameter:
 
     Attributes:
         name: name in facts; vectors count from 1.
-        unit: SI unit.
         start: believed value.
         size: plausible error of the belief; a parameter is reported if it is known to a tenth of it.
     """

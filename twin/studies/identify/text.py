@@ -75,7 +75,6 @@ def identification_result(
     Args:
         files: kind -> path.
         true: values of a run of the twin, SI; empty for other logs.
-        paper: whether to add the result of the paper's own procedure.
     """
     k = one.quantities["k_s_eta"]
     assert k.found is not None and k.believed is not None

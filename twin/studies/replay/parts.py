@@ -69,7 +69,6 @@ class SampledSteps:
     """Sampled component stepped over successive slices of samples.
 
     Args:
-        component: component with one step per row.
         first: length of the first step (s).
         pieces: pieces of its memory to copy.
 

@@ -28,7 +28,9 @@ MAX_DEFLECTION = 1.0
 """Maximum deflection of a spring at the start of a log (rad of the motor), five times that at 18 N."""
 LIKELY_DEFLECTION = 0.4
 """Maximum deflection with a proposed map (rad of the motor), twice that at 18 N."""
-MAP_CORRECTIONS = {"[deg]": (1, "deg"), "-": (-1, ""), "- and [deg]": (-1, "deg")}
+MAP_CORRECTIONS = {
+    "as degrees": (1, "deg"), "with the other sign": (-1, ""), "as degrees of the other sign": (-1, "deg"),
+}  # fmt: skip
 """Sign and unit by the correction of a map."""
 MIN_DEFLECTION_RANGE = 0.1
 """Minimum range of a spring's deflection (rad) that distinguishes columns."""
@@ -43,7 +45,6 @@ class MapCheck:
 
     Args:
         where: begins the error messages.
-        belief: geometry, N, and counts of the encoders.
         columns: the map; empty for a recording of twin, which is not checked.
     """
 
@@ -186,9 +187,8 @@ class MapCheck:
             return f"{text}; are their signs, units and zeros those of the experiment?"
         names = [f"{self._names[side]}[{leg}]" for leg in range(3)]
         sign, unit = MAP_CORRECTIONS[ways[0]]
-        what = {"[deg]": "as degrees", "-": "with the other sign", "- and [deg]": "as degrees of the other sign"}
         own = dict(zip(names, names, strict=True))
-        return f"{text}; {what[ways[0]]} they do: {self._map(own, dict.fromkeys(names, sign), unit)}"
+        return f"{text}; {ways[0]} they do: {self._map(own, dict.fromkeys(names, sign), unit)}"
 
     def _is_pose(self, theta_l: NDArray[np.float64]) -> bool:
         within = np.max(np.abs(theta_l)) <= MAX_JOINT_ANGLE

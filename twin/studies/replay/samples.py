@@ -124,7 +124,8 @@ def robot_samples(log: Log, belief: Belief) -> RobotSamples:
     refuse_invalid(log.path, "an encoder", len(counts.invalid), len(counts.invalid) + len(counts.t))
     lost = max(len(one.t) for one in sides) - len(counts.t)
     notes = (*log.notes, f"{lost} samples without all six encoders are left out") if lost else log.notes
-    measured = _in_unit(log, FORCE_SIGNAL, log[FORCE_SIGNAL], "N") if FORCE_SIGNAL in log.series else None
+    if measured := log.series.get(FORCE_SIGNAL):
+        refuse_unit(f"{log.path}:", FORCE_SIGNAL, measured.unit, "N")
     if counts.t[0] < 0.0:
         raise LogError(f"{log.path}: begins at {counts.t[0]:g} s, before 0; count its time from its first sample")
     if counts.t[-1] > MAX_LOG_TIME:
@@ -180,9 +181,5 @@ def _joint_series(log: Log, name: str, unit: str) -> LogSeries:
     series = log.vector(name)
     if series.values.shape[1] != 3:
         raise LogError(f"{log.path}: {name} has {series.values.shape[1]} components, expected 3, one per joint")
-    return _in_unit(log, name, series, unit)
-
-
-def _in_unit(log: Log, name: str, series: LogSeries, unit: str) -> LogSeries:
     refuse_unit(f"{log.path}:", name, series.unit, unit)
     return series

@@ -24,14 +24,7 @@ _COMMANDED_SPEEDS = port_slices(SAMPLE_PORTS)["omega_ref"]
 
 
 class FreeExchange:
-    """Exchange in real time: samples are published as they come, commands are passed on as they arrive.
-
-    Args:
-        wire: DDS side.
-        mailbox: the simulation.
-        events: receives events.
-        reporter: receives texts for the user while no command has arrived.
-    """
+    """Exchange in real time: samples are published as they come, commands are passed on as they arrive."""
 
     def __init__(self, wire: Wire, mailbox: Mailbox, events: WireEvents, reporter: PipeReporter):
         self._wire, self._mailbox, self._events, self._reporter = wire, mailbox, events, reporter

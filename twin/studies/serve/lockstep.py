@@ -29,15 +29,7 @@ MAX_INVALID = 100
 
 
 class Lockstep:
-    """The wire's side of the protocol.
-
-    Args:
-        wire: DDS side.
-        mailbox: the simulation.
-        events: receives events.
-        reporter: receives texts for the user while the controller is missing.
-        settings: see `exchange`.
-    """
+    """The wire's side of the protocol; `settings` as of `exchange`."""
 
     def __init__(
         self, wire: Wire, mailbox: Mailbox, events: WireEvents, reporter: PipeReporter, settings: Mapping[str, Any]
@@ -115,7 +107,7 @@ class Lockstep:
         elif own is None or own == stamp:
             return False
         elif own == self._answered:
-            self._events.count("second answer")
+            self._events.counts["second answer"] += 1
         else:
             age = "older" if own < stamp else "newer"
             apart = 1e-9 * abs(own - stamp)
@@ -135,7 +127,7 @@ class Lockstep:
             if not command.obeyed:
                 self._events.add("other publisher", f"{self._wire.command_topic}: {FOREIGN_TEXT}")
                 continue
-            self._events.count("second answer")
+            self._events.counts["second answer"] += 1
             if not self._stamped:
                 self._lose_determinism("a sample had a second answer")
 

@@ -85,11 +85,7 @@ class ServeOptions:
 class WireProcess:
     """The process that publishes samples and receives commands; a context manager that ends it.
 
-    Args:
-        say: receives lines for the user, such as the topics that the process waits for.
-
     Attributes:
-        mailbox: mailbox shared with the process.
         events: events (tick, or -1 for the present one; text) to be recorded.
         summary: facts about the exchange, once the process has ended.
     """
@@ -141,8 +137,6 @@ class ServedRobot(Observer):
     Ctrl-C and SIGTERM end the run regularly.
 
     Args:
-        wire: process of the topics.
-        options: options of the command line.
         period: period of the controller (s).
         trace: observer that keeps the signals; None for none.
 

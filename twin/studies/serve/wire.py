@@ -5,6 +5,7 @@ until a sample is there and publishes it, the other sleeps until a command arriv
 """
 
 import time
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -51,28 +52,15 @@ _COUNTS = slice(_PLACES["count_m"].start, _PLACES["count_l"].stop)
 
 
 class WireEvents:
-    """Events of the wire, a limited number of each kind, and their counts.
-
-    Args:
-        reporter: receives the events as notes.
-
-    Attributes:
-        counts: number of events by reason.
-    """
+    """Events of the wire as notes to `reporter`, a limited number of each reason, and their counts by reason."""
 
     def __init__(self, reporter: PipeReporter):
-        self._reporter = reporter
-        self.counts: dict[str, int] = {}
-
-    def count(self, reason: str) -> int:
-        """Count an event without reporting it; return the number of its reason."""
-        self.counts[reason] = self.counts.get(reason, 0) + 1
-        return self.counts[reason]
+        self._reporter, self.counts = reporter, Counter[str]()
 
     def add(self, reason: str, text: str, tick: int = -1) -> None:
         """Count an event, and report it unless many of the same reason have been reported."""
-        count = self.count(reason)
-        if count <= MAX_EVENTS:
+        self.counts[reason] += 1
+        if (count := self.counts[reason]) <= MAX_EVENTS:
             more = "; more of this kind are only counted" if count == MAX_EVENTS else ""
             self._reporter.note(event=text + more, tick=tick)
 
@@ -81,9 +69,6 @@ class Publishers:
     """Choice of the obeyed publisher: the first that matched, until it leaves or is silent while another one sends.
 
     DDS takes 10 s and more to notice a process that was killed; its successor must not wait for that.
-
-    Args:
-        events: receives changes of the obeyed publisher.
 
     Attributes:
         matched: DDS handles of the present publishers; the first is obeyed, the others are in order of matching.
@@ -126,45 +111,34 @@ class Wire:
 
     Args:
         settings: see `exchange`.
-        events: receives changes of the obeyed publisher.
 
     Raises:
         InputRefused: the command topic or the network is unusable.
 
     Attributes:
-        names: names of motors and joints (6).
-        command_topic, command_type: topic of commands, and its type.
         publishers: publishers of commands.
         unwritten: number of messages that were not written since a reader was too slow.
     """
 
     def __init__(self, settings: dict[str, Any], events: WireEvents):
-        from cyclonedds.core import (
-            DDSException,
-            InstanceState,
-            Policy,
-            Qos,
-            ReadCondition,
-            SampleState,
-            ViewState,
-            WaitSet,
-        )  # fmt: skip
+        from cyclonedds import core
+        from cyclonedds.core import Policy, Qos
         from cyclonedds.domain import DomainParticipant
         from cyclonedds.pub import DataWriter
         from cyclonedds.sub import DataReader
         from cyclonedds.util import duration
 
-        self.names, self._lockstep = list(settings["names"]), settings["lockstep"]
+        names, self._lockstep = list(settings["names"]), settings["lockstep"]
         self._turns = 2.0 * np.pi / np.repeat([settings["counts_m"], settings["counts_l"]], MOTOR_COUNT)
         self._tick = settings["tick_s"]
-        names, motors = self.names, self.names[:MOTOR_COUNT]
+        self._motors = names[:MOTOR_COUNT]
         self._effort = np.full(len(names), np.nan)
         self._joint_template = MessageTemplate(
             lambda stamp, *arrays: messages.joint_state(stamp, names, *arrays),
             len(names), len(names), len(names) if settings["has_effort"] else 0,
         )  # fmt: skip
         self._applied_template = MessageTemplate(
-            lambda stamp, speeds: messages.joint_state(stamp, motors, velocity=speeds), MOTOR_COUNT
+            lambda stamp, speeds: messages.joint_state(stamp, self._motors, velocity=speeds), MOTOR_COUNT
         )
         self._wrench_template = MessageTemplate(lambda stamp, force: messages.wrench(stamp, -force[0]), 1)
         topic, self.command_type = COMMAND_TOPICS[settings["commands"]]
@@ -174,10 +148,9 @@ class Wire:
         domain = domain_id() if settings["domain"] is None else settings["domain"]
         try:
             self._participant = DomainParticipant(domain)
-        except DDSException:
-            raise InputRefused(
-                f"DDS cannot begin on domain {domain}; check CYCLONEDDS_URI and the network interfaces"
-            ) from None
+        except core.DDSException:
+            hint = "check CYCLONEDDS_URI and the network interfaces"
+            raise InputRefused(f"DDS cannot begin on domain {domain}; {hint}") from None
         self._discovery = TopicDiscovery(self._participant)
         reliable = Policy.Reliability.Reliable(duration(seconds=MAX_BLOCKING_TIME))
         volatile, queue = Policy.Durability.Volatile, Policy.History.KeepLast(QUEUE_DEPTH)
@@ -193,9 +166,9 @@ class Wire:
         wanted = Qos(reliable if self._lockstep else Policy.Reliability.BestEffort, volatile, queue)
         commands = raw_topic(self._participant, self.command_topic, self.command_type)
         self._reader: Any = DataReader(self._participant, commands, qos=wanted)
-        self._waiting = WaitSet(self._participant)
-        unread = SampleState.NotRead | ViewState.Any | InstanceState.Any
-        self._condition = ReadCondition(self._reader, unread)
+        self._waiting = core.WaitSet(self._participant)
+        unread = core.SampleState.NotRead | core.ViewState.Any | core.InstanceState.Any
+        self._condition = core.ReadCondition(self._reader, unread)
         self._waiting.attach(self._condition)
         self.publishers = Publishers(events)
         self.unwritten = 0
@@ -238,7 +211,7 @@ class Wire:
                 publisher = one.sample_info.publication_handle
                 if self.publishers.matched[:1] != [publisher]:
                     self._update_publishers()
-                command = messages.read_command(one.data, self.command_type, self.names[:MOTOR_COUNT])
+                command = messages.read_command(one.data, self.command_type, self._motors)
                 found.append(command._replace(obeyed=self.publishers.is_obeyed(publisher)))
         return found
 

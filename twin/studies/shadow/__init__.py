@@ -1,7 +1,4 @@
-"""Digital twin of a running robot: it follows the robot's messages, estimates its state, and detects divergence.
-
-`filter` estimates the state, `alarm` decides, and `fleet` has the tolerances of healthy robots.
-"""
+"""Digital twin of a running robot: it follows the robot's messages, estimates its state, and detects divergence."""
 
 ACCEPT_PARAMETER, PROPOSAL_PARAMETER = "shadow.accept", "shadow.proposal"
 """Parameters of a live session: the proposed change, and a button that accepts it when set to true."""

@@ -203,7 +203,7 @@ class SessionBranches:
     Attributes:
         moves: whether the surface moves, by the twin's clock; its phase is not estimated.
         taps: numbers of the tasks that tap.
-        own, changed: system of the twin, and systems of the `--what-if` experiments.
+        own, changed, branchings: system of the twin, systems of the `--what-if` experiments, all systems.
 
     Raises:
         InputRefused: a component of the robot has no state that can be set.
@@ -228,6 +228,7 @@ class SessionBranches:
                 made.callback(self.changed[-1].close)
                 self.changed[-1].refuse_other_law(self.own.law, f"--what-if {name}: ")
             self._closing = made.pop_all()
+        self.branchings = [self.own, *self.changed]
 
     def __enter__(self) -> "SessionBranches":
         return self
@@ -237,11 +238,6 @@ class SessionBranches:
 
     def predicting_part(self, law: OwnController, state: RobotState) -> PlantPart:
         return _PredictingPart(self, law, state)
-
-    @property
-    def branchings(self) -> list[Branching]:
-        """List the branching systems of the session: the twin's first, then one per `--what-if`."""
-        return [self.own, *self.changed]
 
 
 def _next_time(t: float, start: float, period: float) -> float:

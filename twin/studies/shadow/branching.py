@@ -163,16 +163,13 @@ class Branching:
             state.close()
         self._assembly.close()
 
-    def follow(self, t: NDArray[np.float64], omega_ref: NDArray[np.float64], tau_load: NDArray[np.float64]) -> int:
+    def follow(self, t: NDArray[np.float64], omega_ref: NDArray[np.float64], tau_load: NDArray[np.float64]) -> None:
         """Buffer commands and loads of the drives up to the newest sample; `catch_up` steps the drives with them.
 
         Args:
             t: times of the samples (n,), s, ascending from call to call.
             omega_ref: commands (n, 3), rad/s.
             tau_load: loads of the springs on the shafts (n, 3), N m.
-
-        Returns:
-            The reached tick, a multiple of the controller's period.
         """
         call = self.period * self.tick
         gaps = np.diff(t, prepend=max(self._at * self.tick + self._skipped, self._last))
@@ -189,7 +186,6 @@ class Branching:
         due = (np.arange(self._at, end) + 0.25) * self.tick
         self._held.append(values[t.searchsorted(due, side="right")])
         self._at = end
-        return end
 
     def catch_up(self) -> None:
         """Step the drives over the buffered commands and loads; raise `ComponentFailed` if a drive fails."""

@@ -123,8 +123,7 @@ class ContactEstimate:
 
     def tare(self, J: Numbers) -> Numbers:
         """Compute the apparent force (3,), N, caused by encoder zeros and dry friction."""
-        force: Numbers = J.T @ (self.zeros[:3] + self.zeros[3] * self.friction_share)
-        return force
+        return np.asarray(J.T @ (self.zeros[:3] + self.zeros[3] * self.friction_share))
 
     def force_deviation(self, J: Numbers) -> float:
         """Compute the standard deviation of the pressing force (N) due to encoder zeros and dry friction."""

@@ -59,8 +59,7 @@ class HealthyDeviation:
         torque = self._torque + (DEVIATION_SHARE * self._spring * tau_l) ** 2
         added[:, FORCE : FORCE + 3] = np.einsum("nji,nj->ni", J**2, torque)
         spread = self._mean_nis(NIS, used)
-        wide: NDArray[np.float64] = np.sqrt(deviation**2 * spread[:, None] + added)
-        return wide
+        return np.asarray(np.sqrt(deviation**2 * spread[:, None] + added))
 
     def _mean_nis(self, NIS, used) -> NDArray[np.float64]:
         """Average the NIS per encoder count over `NIS_SAMPLES` samples; at least 1."""

@@ -282,7 +282,6 @@ class Shadow(NativeComponent):
     Args:
         parameters: parameters of the plant; of the contact only the stiffness is used, and no dry friction.
         believed: belief that converts counts to angles.
-        sensors, drive: see these types.
     """
 
     def __init__(

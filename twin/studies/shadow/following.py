@@ -245,7 +245,7 @@ class AlarmWatch:
 
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
         if self.reidentifier is not None:
-            self.reidentifier.keep(samples.t, samples.held_commands(np.full(3, np.nan)).u)
+            self.reidentifier.ring.keep(samples.t, samples.held_commands(np.full(3, np.nan)).u)
         levels, begin, self._t = np.full((len(samples.t), 1), np.nan), 0, float(samples.t[-1])
         if not self._count:
             self._first.append(samples.t)
@@ -297,7 +297,6 @@ class Twin:
 
     Attributes:
         state: part that estimates samples as they arrive; may be inside another part.
-        check: check of the column map.
         watched: part that raises alarms; None for no alarm.
         plant_parts: parts that depend on the plant.
         records_calls: whether only rows at controller calls are recorded, `[recording] rate`.

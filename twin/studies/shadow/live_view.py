@@ -77,18 +77,14 @@ class AcceptButton:
 
     def request(self, name: str, value: object, /) -> None:
         """Request a viewer parameter, see `Parameters`; true accepts the open proposal; raise `InputRefused`."""
+        accepts = f"accepts what {PROPOSAL_PARAMETER} says"
         if name in (PROPOSAL_PARAMETER, ACCEPTED_PARAMETER, LINE_PARAMETER):
-            raise InputRefused(
-                f"{name} is set by the twin; {ACCEPT_PARAMETER} = true accepts what {PROPOSAL_PARAMETER} says"
-            )
+            raise InputRefused(f"{name} is set by the twin; {ACCEPT_PARAMETER} = true {accepts}")
         if name != ACCEPT_PARAMETER:
-            raise InputRefused(
-                f"{name}: no such parameter; {nearest(name, [ACCEPT_PARAMETER], f'there is {ACCEPT_PARAMETER}')}"
-            )
+            hint = nearest(name, [ACCEPT_PARAMETER], f"there is {ACCEPT_PARAMETER}")
+            raise InputRefused(f"{name}: no such parameter; {hint}")
         if not isinstance(value, bool):
-            raise InputRefused(
-                f"{ACCEPT_PARAMETER} = {value!r}: expected true, which accepts what {PROPOSAL_PARAMETER} says"
-            )
+            raise InputRefused(f"{ACCEPT_PARAMETER} = {value!r}: expected true, which {accepts}")
         proposal = self._twin.proposal
         if value and proposal is None:
             raise InputRefused(f"{ACCEPT_PARAMETER}: there is no proposal to accept")

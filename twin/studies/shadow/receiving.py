@@ -13,10 +13,10 @@ from twin.kernel.recording.logs.log import LogError
 from twin.kernel.recording.sources.arrival import Arrival, RobotSource
 from twin.kernel.recording.sources.signals import MessageReader, Reading
 from twin.kernel.recording.sources.stamps import Aligner, Sample
+from twin.studies.shadow.mapping import NS_PER_SECOND
 
 SLICE_TIME = 0.05
 """Length of a slice of arrivals (s)."""
-NS_PER_SECOND = 1e9
 
 
 @dataclass
@@ -42,11 +42,11 @@ class Receiver:
 
     Args:
         readers: reader by topic.
-        aligner: aligner of the readings.
         estimate: called with each sample in the receiving thread; None if estimates are not urgent.
 
     Attributes:
         in_hand: times from due samples to their estimates, after the session first caught up.
+        thread: receiving thread, started for a live robot.
         missed: number of estimates after their deadline.
         lock: guards the aligner and its counts.
         heard: arrival of the last message by topic, ns.
@@ -62,24 +62,16 @@ class Receiver:
         self._source, self._readers, self._aligner, self._estimate = source, readers, aligner, estimate
         self._received = ReceivedSlice()
         self._failure: BaseException | None = None
-        self._alive, self._thread = True, Thread(target=self._receive_loop, name="receiver", daemon=True)
+        self._alive, self.thread = True, Thread(target=self._receive_loop, name="receiver", daemon=True)
         self.in_hand, self.missed, self.lock = Histogram(), 0, Lock()
         self._on_time = False
         self.heard: dict[str, int] = {}
 
-    @property
-    def thread(self) -> int | None:
-        """Native id of the receiving thread; None before it runs."""
-        return self._thread.native_id
-
-    def start(self) -> None:
-        self._thread.start()
-
     def stop(self) -> None:
         """Stop receiving messages; the last slice can still be drained."""
         self._alive = False
-        if self._thread.is_alive():
-            self._thread.join()
+        if self.thread.is_alive():
+            self.thread.join()
 
     def drain(self, end: bool = False) -> ReceivedSlice:
         """Return all messages and samples received since the last call; `end`: whether the source has ended."""

@@ -26,7 +26,6 @@ class ShadowRecording:
     Args:
         topics: ports of the twin's topics.
         others: topics of the robot.
-        model: belief about the robot.
         first: stamp and arrival of the first sample, ns.
     """
 

@@ -274,11 +274,11 @@ def _springs(found: Sequence[Spring], why: str, plant: PlantParameters) -> list[
             k, zero = None, None
         if zero is not None:
             zero = zero._replace(value=zero.value + plant.slip[i]) if zero.half_width < ENCODER_ZERO else None
-        moved.append(
-            ParameterChange(f"k_s of joint {i + 1}", "k_s_share", i, was, k, "N m/rad", SPRING_CHANGE * was, why)
-        )
         name = f"zero {'' if apart else 'or dead zone '}of deflection {i + 1}"
-        moved.append(ParameterChange(name, "slip", i, plant.slip[i], zero, "rad", least, why))
+        moved += [
+            ParameterChange(f"k_s of joint {i + 1}", "k_s_share", i, was, k, "N m/rad", SPRING_CHANGE * was, why),
+            ParameterChange(name, "slip", i, plant.slip[i], zero, "rad", least, why),
+        ]
     return moved
 
 
@@ -320,18 +320,15 @@ class Reidentifier:
             self._loads = torque_error(experiment) < TORQUE_ERROR
         except TwinError:
             self._loads = False
-        self._ring, self._pool = SampleRing(), ThreadPoolExecutor(1)
+        self.ring, self._pool = SampleRing(), ThreadPoolExecutor(1)
         self._answer: Future[tuple[ParameterChange, ...]] | None = None
         self._asked_at = math.nan
-
-    def keep(self, t: NDArray[np.float64], u: NDArray[np.float64]) -> None:
-        self._ring.keep(t, u)
 
     def ask(self, since: float, t: float) -> None:
         """Start a background search for changed parameters in the samples after `since`, at `t` (s)."""
         self._asked_at = t
         self._answer = self._pool.submit(
-            reidentify, self._ring.samples_since(since), self.plant, self._belief, self._rotor, self._loads
+            reidentify, self.ring.samples_since(since), self.plant, self._belief, self._rotor, self._loads
         )
 
     def answer(self) -> str:

@@ -68,7 +68,6 @@ class Session:
 
     Args:
         columns: columns of the signals; empty if arrivals are readings.
-        wanted: column and conversion of each signal.
         lateness: budget for late messages (s).
         duration: maximum length (s) by the robot's stamps; infinite for no limit.
         live: whether the source is live, so that silence is an event.
@@ -152,9 +151,9 @@ class Session:
     def follow(self, path: Callable[[], Path]) -> SessionSummary:
         """Follow the robot to the end of source or duration, or Ctrl-C; the first sample calls `path`."""
         if self._live:
-            self._receiver.start()
+            self._receiver.thread.start()
         try:
-            with real_time(self._receiver.thread) if self._live else nullcontext("") as refused:
+            with real_time(self._receiver.thread.native_id) if self._live else nullcontext("") as refused:
                 self.followed.notes += [refused] if refused else []
                 try:
                     self._loop(path)

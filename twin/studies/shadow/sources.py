@@ -48,9 +48,7 @@ def open_source(
     live.
 
     Args:
-        columns: columns of the map.
         wanted: signals that a map may name.
-        speed: pace of a log.
         notes: list that receives notes on missing data of a log.
         part: start and end (s) of the part of a log, see `read_log`.
     """
