@@ -356,13 +356,7 @@ class LiveServer:
         InputRefused: the port is taken, or one of `origins` is invalid.
     """
 
-    def __init__(
-        self,
-        port: int,
-        say: Callable[[str], None],
-        origins: Sequence[str] = (),
-        waits: bool = True,
-    ):
+    def __init__(self, port: int, say: Callable[[str], None], origins: Sequence[str] = (), waits: bool = True):
         self._say, self._gate, self._waits = say, Gate(viewer_policy(origins)), waits
         self._held = socket.socket()
         if os.name == "posix":

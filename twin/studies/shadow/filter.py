@@ -284,13 +284,7 @@ class Shadow(NativeComponent):
         believed: belief that converts counts to angles.
     """
 
-    def __init__(
-        self,
-        parameters: PlantParameters,
-        believed: Belief,
-        sensors: Sensors,
-        drive: ShadowDrive,
-    ):
+    def __init__(self, parameters: PlantParameters, believed: Belief, sensors: Sensors, drive: ShadowDrive):
         memory = memory_of(
             MEMORY, parameters=_without_dry_friction(parameters), belief=tuple(believed), sensors=tuple(sensors),
             drive=tuple(drive), noises=tuple(Noises()), anchors=INITIAL_ANCHORS,

@@ -23,12 +23,8 @@ KNOWN_DRIVE = 0.1
 
 def shadow_of(experiment: Experiment) -> Shadow:
     plant = experiment.plant
-    return Shadow(
-        plant_parameters(plant, experiment.contact),
-        belief(experiment),
-        Sensors(plant.motor_noise, plant.joint_noise),
-        drive_model(experiment),
-    )
+    sensors = Sensors(plant.motor_noise, plant.joint_noise)
+    return Shadow(plant_parameters(plant, experiment.contact), belief(experiment), sensors, drive_model(experiment))
 
 
 def drive_model(experiment: Experiment) -> ShadowDrive:
