@@ -386,5 +386,5 @@ def twin_of(
     alarm: list[Part] = [watched] if watched else []
     on_plant = (plant, *(followed or [state]))
     records_calls = experiment.recording.rate == "controller"
-    parts = [Estimates(model, check), plant, *rest, *alarm]
+    parts: list[Part] = [Estimates(model, check), plant, *rest, *alarm]
     return Twin(parts, state, check, watched, on_plant, adapts, records_calls)
