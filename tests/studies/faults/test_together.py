@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS
+from twin.kernel.serialise import to_dict
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import FAULT_KINDS, Fault
 from twin.robot.experiment.together import fault_values
@@ -203,7 +204,7 @@ def test_pairs_begin_together_in_every_direction_and_are_judged_by_the_bound_of_
     assert row.faults.kind is FaultSet.PAIRS and not row.expects_detection
     assert row.verdict == "kept" and not row.fails
     far = replace(row, watched=replace(row.watched, peak=1.01 * row.force_bound))
-    assert far.verdict == "beyond" and far.fails and far.to_dict()["verdict"] == "beyond"
+    assert far.verdict == "beyond" and far.fails and to_dict(far)["verdict"] == "beyond"
 
 
 def test_with_the_monitor_off_a_pair_fails():
@@ -220,7 +221,7 @@ def test_rows_of_runs_that_share_their_past_are_those_of_runs_from_the_start(kin
 
     def facts(share: bool) -> list[dict[str, Any]]:
         with Stage(there.experiment, share=share) as runs:
-            return [combination_row(runs, one, onset).to_dict() for one in few]
+            return [to_dict(combination_row(runs, one, onset)) for one in few]
 
     assert len(few) == 3 and facts(True) == facts(False)
 

@@ -19,7 +19,7 @@ from twin.kernel.errors import InputRefused, nearest
 from twin.report.explore.catalogue import PACE_KEY, Slider, check_value, sliders
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.command_words import run_command, run_words
-from twin.robot.experiment.drive_files import locate_drive
+from twin.robot.experiment.drive_files import drive_names, locate_drive
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.experiment_files import BODY_FOLDERS, experiment_file
 from twin.robot.experiment.fault import FAULT_KINDS, GLITCH_SHARE
@@ -46,10 +46,8 @@ class PageBase:
     @property
     def drives(self) -> dict[str, str]:
         """Available drives: name -> value of `--drive`."""
-        shelf = locate_file("fmus", Path.cwd())
-        known = {path.parent.name for path in (*shelf.glob("*/*.fmu"), *shelf.glob("*/mapping.toml"))}
         given = {self.drive: self.drive} if self.drive else {}
-        return given | {name: name for name in sorted(known)}
+        return given | {name: name for name in drive_names(locate_file("fmus", Path.cwd()))}
 
     @property
     def bodies(self) -> dict[str, str]:

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.errors import InputRefused
+from twin.kernel.serialise import to_dict
 from twin.robot.assembly.roles import refuse_third_party_parts
 from twin.robot.experiment.experiment import Experiment, with_cosim, with_exact_encoders, with_model, with_plant
 from twin.robot.mechanism.geometry import Model
@@ -76,11 +77,9 @@ class Effect:
 
     @property
     def label(self) -> str:
-        """Name and assumed amount of a small effect of the robot."""
         return f"{self.name}, {self.amount}"
 
     def is_present(self, experiment: Experiment) -> bool:
-        """Whether the experiment's robot already has the small effect."""
         return any(getattr(experiment.plant, name) != TrueRobot.model_fields[name].default for name in self.values)
 
     def apply_to(self, experiment: Experiment, like: Experiment) -> Experiment:
@@ -185,6 +184,8 @@ class Contribution:
     meaning: str
     group: Group
 
+    JSON_KEYS = "label group bias_N=bias std_N=std rms_N=rms meaning"
+
 
 @dataclass(frozen=True)
 class Budget:
@@ -211,7 +212,6 @@ class Budget:
     as_is: Contribution
 
     def contributions_of(self, group: Group) -> tuple[Contribution, ...]:
-        """Return the contributions of one group to the force error."""
         return tuple(one for one in self.contributions if one.group == group)
 
 
@@ -228,14 +228,7 @@ class _Trace:
 
 
 def accuracy_budget(experiment: Experiment, say: Say = ignore_progress) -> Budget:
-    """Run an experiment unchanged, without imperfections and with each alone; return its accuracy budget.
-
-    `say` is called with the name of each run.
-
-    Raises:
-        InputRefused: the experiment has faults or taps, or never presses.
-        ComponentFailed: a component failed.
-    """
+    """Run an experiment unchanged, without imperfections and with each alone; return its accuracy budget."""
     refuse_third_party_parts(experiment, "a budget of the force error", ("estimator",))
     if experiment.faults:
         raise InputRefused(f"{experiment.name}: has faults, which an accuracy budget does not cover; remove [[fault]]")
@@ -275,9 +268,8 @@ def accuracy_budget(experiment: Experiment, say: Say = ignore_progress) -> Budge
         line("statics only", ideal.error, "the remainder if all else is perfect: inertia and joint friction"),
     ]
     if "belief" in added:
-        imperfections.append(
-            line("belief", added["belief"], "the controller's parameters as they are, instead of true")
-        )
+        meaning = "the controller's parameters as they are, instead of true"
+        imperfections.append(line("belief", added["belief"], meaning))
     effects = [
         line(
             effect.name if own else effect.label, trace.error - traces["coupling"].error,
@@ -369,12 +361,9 @@ def accuracy_result(budget: Budget, facts: str) -> Result:
     """Return the report of an accuracy budget, which refers to the JSON file `facts`."""
     imperfections, twin = budget.contributions_of("imperfection"), budget.contributions_of("twin")
     together = ("sum of biases, root of squares", budget.bias, None, budget.together)
+    added = ("root of the sum of squares", None, None, budget.parameters)
     left_out = [
         f"  {what:<{NAME_WIDTH - 3}}{'not modelled, at most':>21}{most:>9.3f}" for what, most, _ in NOT_MODELLED
-    ]
-    beliefs = [
-        *map(row, budget.contributions_of("parameter")),
-        ("root of the sum of squares", None, None, budget.parameters),
     ]
     parts: list[Block] = [
         *(Note(sentence, "  ") for sentence in details(budget)),
@@ -385,13 +374,12 @@ def accuracy_result(budget: Budget, facts: str) -> Result:
         "",
         _table("left out; if the robot had, N", [*map(row, budget.contributions_of("effect")), *left_out]),
         "",
-        _table("if the controller believed, N", beliefs),
+        _table("if the controller believed, N", [*map(row, budget.contributions_of("parameter")), added]),
         "",
         *(Note(f"{one.label}: {one.meaning}", "  ", 4) for one in (*imperfections, *twin)),
     ]
-    return Result(
-        f"{budget.name}: {headline(budget)}", parts, accuracy_facts(budget) | {"facts": facts}, {"facts": facts}
-    )
+    files = {"facts": facts}
+    return Result(f"{budget.name}: {headline(budget)}", parts, accuracy_facts(budget) | files, files)
 
 
 def _table(title: str, rows: Sequence[Row | str]) -> Table:
@@ -428,15 +416,9 @@ def accuracy_facts(budget: Budget) -> dict[str, object]:
         "start_s": budget.start,
         "end_s": budget.end,
         "force_N": budget.force,
-        "contributions": [
-            {
-                "label": one.label, "group": one.group, "bias_N": one.bias, "std_N": one.std, "rms_N": one.rms,
-                "meaning": one.meaning,
-            }
-            for one in (*budget.contributions, budget.as_is)
-        ],
+        "contributions": to_dict((*budget.contributions, budget.as_is)),
         "not_modelled": [{"label": what, "at_most_N": most, "meaning": why} for what, most, why in NOT_MODELLED],
         "bias_N": budget.bias,
         "together_N": budget.together,
         "parameters_N": budget.parameters,
-    }  # fmt: skip
+    }

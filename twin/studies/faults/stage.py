@@ -6,9 +6,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import Fault
@@ -73,11 +70,7 @@ class Stage:
 
     def touches(self, onset: float) -> bool:
         """Check whether the healthy robot touches the body at `onset` (s)."""
-        return bool(self._touching[round(onset / self.experiment.cosim.tick)])
-
-    @cached_property
-    def _touching(self) -> NDArray[np.bool_]:
-        return touching(self.healthy)
+        return bool(touching(self.healthy)[round(onset / self.experiment.cosim.tick)])
 
     def run(self, faults: Sequence[Fault], watched: bool = True) -> Outcome:
         """Run with `faults`, with the monitor or without; raise `InputRefused` if a drive or fault does not fit."""

@@ -124,7 +124,7 @@ def faults(
         for stage in stages:
             for found in combination_rows(stage, wanted, kinds):
                 together.append(found)
-                append(json_text(found.to_dict()) + "\n")
+                append(json_text(found) + "\n")
                 say(f"{len(rows) + len(together)} of {total} cases", (len(rows) + len(together)) / total)
     if not rows:
         result = combination_result(name, together, wanted, complete)

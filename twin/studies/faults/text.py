@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twin.kernel.serialise import to_dict
 from twin.robot.experiment.fault import FAULT_KINDS
 from twin.studies.faults.matrix import FORCE_ALLOWANCE, MAX_IDEAL_SHARE, FaultRow
 from twin.studies.faults.offsets import NO_OFFSET
@@ -108,8 +109,7 @@ def fault_matrix_result(
     parts += [*_exceptions(rows, complete), *combination_blocks(together, complete), ""]
     if not complete:
         parts += [f"{len(shown)} of {count_text(len(kinds), 'kind')}; --all prints every kind and every exception"]
-    facts = {"experiment": experiment, "rows": [row.to_dict() for row in rows]}
-    facts["together"] = [row.to_dict() for row in together]
+    facts = {"experiment": experiment, "rows": [row.to_dict() for row in rows], "together": to_dict(together)}
     return Result(Note(verdict, later=4), parts, facts, {"picture": picture}, label=0, exit_code=int(failing))
 
 
@@ -122,7 +122,7 @@ def combination_result(
         f"{experiment}  {'FAILED' if failing else 'as stated'}: {len(rows) - failing} of "
         f"{count_text(len(rows), 'case')} of {names} below their limits."
     )
-    facts = {"experiment": experiment, "rows": [], "together": [row.to_dict() for row in rows]}
+    facts = {"experiment": experiment, "rows": [], "together": to_dict(rows)}
     return Result(Note(verdict, later=4), combination_blocks(rows, complete), facts, exit_code=int(failing > 0))
 
 
@@ -273,8 +273,10 @@ def _draw_cell(axes: Axes, shade: "ScalarMappable", row: FaultRow, watched: bool
     from matplotlib.patches import Rectangle
 
     run, safe = (row.watched, row.is_safe) if watched else (row.unwatched, row.is_safe_without_monitor)
-    wide = SIZE_COUNT if row.magnitude is None else 1
-    left = onset * SIZE_COUNT + (0 if row.magnitude is None else _size(row))
+    place, wide = 0, SIZE_COUNT
+    if row.magnitude is not None:
+        place, wide = (FAULT_KINDS[row.kind].magnitudes or ()).index(row.magnitude), 1
+    left = onset * SIZE_COUNT + place
     r, g, b, _ = color = shade.to_rgba(np.array([run.peak / row.limit]))[0]
     axes.add_patch(Rectangle((left, line), wide, 1, fc=color, ec="white", lw=0.6))
     if not safe:
@@ -288,10 +290,6 @@ def _draw_cell(axes: Axes, shade: "ScalarMappable", row: FaultRow, watched: bool
         axes.plot(middle + 0.36, line + 0.5, ls="", marker="x", color=ink, ms=4.5)
     elif run.reason:
         axes.plot(middle + 0.36, line + 0.5, ls="", marker="o", color=ink, ms=3.5)
-
-
-def _size(row: FaultRow) -> int:
-    return (FAULT_KINDS[row.kind].magnitudes or ()).index(row.magnitude or 0.0)
 
 
 def _kind_text(of_kind: Sequence[FaultRow]) -> str:

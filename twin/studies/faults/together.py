@@ -9,7 +9,6 @@ from enum import StrEnum
 from itertools import product
 from typing import Any, Literal, NamedTuple
 
-from twin.kernel.serialise import to_dict
 from twin.robot.experiment.fault import FAULT_KINDS
 from twin.robot.experiment.together import (
     COMMON_CAUSES,
@@ -139,6 +138,12 @@ class CombinationRow:
     unwatched: Reaction
     ideal: float | None
 
+    JSON_KEYS = (
+        "set=faults.kind name=faults.name fault=faults.tables body=stage.body offset_m=stage.offset onset_s=onset "
+        "in_contact after_trip_s=faults.delay limit_N=limit bound_N=force_bound ideal_peak_N=ideal "
+        "detectable=expects_detection verdict failed=fails with_monitor=watched without_monitor=unwatched"
+    )
+
     @property
     def is_detected(self) -> bool:
         return bool(self.watched.reason)
@@ -171,26 +176,6 @@ class CombinationRow:
     @property
     def fails(self) -> bool:
         return self.verdict != "kept"
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "set": str(self.faults.kind),
-            "name": self.faults.name,
-            "fault": list(self.faults.tables),
-            "body": self.stage.body,
-            "offset_m": list(self.stage.offset),
-            "onset_s": self.onset,
-            "in_contact": self.in_contact,
-            "after_trip_s": self.faults.delay,
-            "limit_N": self.limit,
-            "bound_N": self.force_bound,
-            "ideal_peak_N": self.ideal,
-            "detectable": self.expects_detection,
-            "verdict": self.verdict,
-            "failed": self.fails,
-            "with_monitor": to_dict(self.watched),
-            "without_monitor": to_dict(self.unwatched),
-        }
 
 
 def combinations_of(kind: FaultSet, onset: float, in_contact: bool, kinds: Sequence[str]) -> list[FaultCombination]:
