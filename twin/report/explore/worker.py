@@ -64,6 +64,8 @@ Layout = Literal["", "fig4"]
 """Figure of the paper that replaces the panels: Fig. 4 in the paper's layout; "" without one."""
 MAX_RUNS = 100
 NO_MONITOR = "no monitor here"
+NO_RUN_FACTS = {"title": "", "trip": "", "numbers": [], "events": [], "values": {}, "command": ""}
+"""Fields of an answer with a run that was not simulated here."""
 _viewed_signals: dict[tuple[object, ...], frozenset[str]] = {}
 """Form of a view request -> signals that its last run needed; the next run with this form keeps only these."""
 
@@ -230,8 +232,7 @@ def _show_recording(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
     if name not in [str(folder) for folder in _folders()]:
         raise InputRefused(f"run {str(name)[:80]!r}: no such run in results/")
     (run,) = report_runs([recording_in(Path(str(name)))])
-    return {"title": run.title, "trip": "", "numbers": [], "events": [], "values": {}, "command": "",
-            **ViewRequest.from_request(ask).picture(run, run.end)}  # fmt: skip
+    return NO_RUN_FACTS | {"title": run.title, **ViewRequest.from_request(ask).picture(run, run.end)}
 
 
 def _log(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
@@ -244,8 +245,7 @@ def _log(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
             "count_l[0..2], or scale.F_z, in NAME.map.toml next to it (twin log new LOG writes one), or show other "
             "plots"
         )
-    return {"title": ask["log"], "trip": "", "numbers": [], "events": [], "values": {}, "command": "", "note": note,
-            **found}  # fmt: skip
+    return NO_RUN_FACTS | {"title": ask["log"], "note": note, **found}
 
 
 def _folders() -> list[Path]:

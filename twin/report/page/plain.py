@@ -81,13 +81,6 @@ def write_drives_page(facts: Mapping[str, Any], folder: Path) -> Path:
 
     The same facts and pictures give the same text.
     """
-    path = folder / DRIVES_PAGE_FILE
-    write_text(path, drives_page(facts))
-    return path
-
-
-def drives_page(facts: Mapping[str, Any]) -> str:
-    """Return the HTML of the page of a drive comparison, see `write_drives_page`."""
     names = [drive["drive"] for drive in facts["experiments"][0]["drives"]]
     sentences = [element("p", sentence, class_="headline plain") for sentence in facts["verdict"]]
     definitions = facts["definitions"]
@@ -102,7 +95,9 @@ def drives_page(facts: Mapping[str, Any]) -> str:
         found.append((f"experiment-{number}", one["experiment"], join_markup([_measures(one, definitions), picture])))
     found.append(("definitions", "What the measures mean", table(("measure", "is"), meanings, "definitions")))
     subtitle = " | ".join([*names, *facts["set"]])
-    return plain_page(f"{len(names)} drives compared", subtitle, found, [(key, title) for key, title, _ in found])
+    path = folder / DRIVES_PAGE_FILE
+    write_text(path, plain_page(f"{len(names)} drives compared", subtitle, found))
+    return path
 
 
 def _measures(experiment: Mapping[str, Any], definitions: Mapping[str, Any]) -> Markup:
