@@ -32,7 +32,6 @@ def wrap_text(text: str, head: str = "", later: int | None = None, whole: bool =
     """Wrap `text` after `head` into lines of at most `text_width` columns.
 
     Args:
-        text: a single line.
         head: beginning of the first line.
         later: indent of later lines (columns); None to align with the text of the first line.
         whole: whether names of files, signals and options stay whole: no break at hyphens or inside long words.
@@ -104,13 +103,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Note:
-    """A sentence of a report that is wrapped into lines.
-
-    Attributes:
-        head: beginning of the first line.
-        later: indent of later lines (columns); None to align with the text of the first line.
-        whole: whether names of files, signals and options stay whole.
-    """
+    """A sentence of a report that is wrapped into lines; the fields are the arguments of `wrap_text`."""
 
     text: str
     head: str = ""

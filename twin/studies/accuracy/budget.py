@@ -123,7 +123,6 @@ class Uncertainty:
     """An assumed error of one parameter of the controller's robot model.
 
     Attributes:
-        label: text for the report.
         names: attributes of `robot.Model` that are off by the same amount at once.
         joint: index of the affected element, from 0; None for a scalar parameter.
         share, amount: relative (1) and absolute (SI) part; one of them is 0.
@@ -171,7 +170,6 @@ class Contribution:
     """Contribution of one imperfection to the force error: one row of the accuracy budget (N).
 
     Attributes:
-        label: text for the report.
         bias, std, rms: over the window; rms^2 = bias^2 + std^2.
         meaning: description of the two compared runs.
         group: "effect": plausible in a robot, but not in the experiment; "total": the unchanged experiment.

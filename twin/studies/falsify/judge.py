@@ -44,14 +44,11 @@ def _runs(signals: frozenset[str], most: int) -> Runs:
 def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
     """Run the experiment file `settings[0]`; return the distance from violating each requirement as "NAME.distance".
 
-    A failed component ends the run; requirements are judged until then.
+    A failed component ends the run; requirements are judged until then. The finding has more: "trip", the tick of the
+    trip or None; without faults also "onsets": ticks in contact and in free motion for the beginning of a fault.
 
     Args:
         path, drive, claims: unused; the experiment file states path and drive.
-
-    Returns:
-        The distances, and "trip", the tick of the trip or None; without faults also "onsets": ticks in contact
-        and in free motion for the beginning of a fault.
     """
     began = time.perf_counter()
     try:

@@ -20,14 +20,12 @@ MAX_PASTS = 4
 
 
 class Stage:
-    """Experiment on one body at one place, for repeated runs with faults; a context manager that frees the states
-    shared by the runs.
+    """Experiment on one body at one place, for repeated runs with faults; a context manager frees their states.
 
     Runs with faults continue from the last state of the healthy run before the fault. Until the monitor acts, the robot
     without it has the same bits: if it never acts, the run also serves as the run without it.
 
     Args:
-        experiment: experiment without faults.
         body: name of the body; "" for the experiment's own.
         offset: offset of all tasks, x and y (m).
         settings: `key=value` applied to the experiment's file.

@@ -195,7 +195,6 @@ def _cross_check_trials(file: Path) -> list[Trial]:
 
 
 def read_trial(file: Path, trial: Trial, description: FmuDescription) -> TrialFiles:
-
     def read(name: str) -> tuple[bytes, str]:
         if trial.inside:
             return read_entry(file, name), f"{file.name}: {PurePosixPath(name).name}"
@@ -268,12 +267,7 @@ def bare_run(description: FmuDescription, trial: Trial, files: TrialFiles, ended
     """Run an FMU by itself in its default experiment; without a stop time, until the end of the reference results.
 
     Args:
-        files: inputs and results of the experiment.
         ended: callback, called with the run before the FMU is freed, which crashes some FMUs.
-
-    Raises:
-        InputRefused: a step, duration or input is invalid.
-        ComponentFailed: the FMU cannot be loaded or initialised.
     """
     step, last = _steps(description, trial, files.results)
     outputs, unknown = _output_ports(description, files.results)
@@ -358,10 +352,8 @@ def _sample_inputs(inputs: list[FmuPort], stimuli: Series | None, t: Curve) -> n
     """Sample an FMU's inputs at the times `t`, (times, inputs): real numbers linearly, whole numbers held."""
     if stimuli is None:
         return np.zeros((len(t), 0))
-    columns = [
-        (stimuli.interpolate_at if _continuous(p.variable) else stimuli.hold_at)(p.variable.name, t) for p in inputs
-    ]
-    return np.column_stack(columns)
+    sample = {True: stimuli.interpolate_at, False: stimuli.hold_at}
+    return np.column_stack([sample[_continuous(p.variable)](p.variable.name, t) for p in inputs])
 
 
 def _continuous(variable: Variable) -> bool:

@@ -74,7 +74,6 @@ class HazardLine:
     """Line of the hazard table with its evidence: all runs, and the distances from violating a requirement.
 
     Attributes:
-        hazard: content of the line in the table: causes, limit, control measure.
         runs: all runs: the grid of causes, then the search for a worse case, then random draws.
         distances: distance of the healthy robot from violating a requirement (SI), negative if violated; the key names
             formula, body and offset.

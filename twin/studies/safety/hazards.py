@@ -123,7 +123,6 @@ class Hazard:
     """Hazard, a line of the hazard table.
 
     Attributes:
-        causes: at least one cause.
         limit_key: key of `LIMIT_KINDS`; "" if all causes are requirements.
         limit: limit in the unit of its key.
     """

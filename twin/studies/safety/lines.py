@@ -112,14 +112,11 @@ def search_runs(
     worst: EvidenceRun,
     measured: Callable[[Reaction], float],
 ) -> Iterator[MadeRun]:
-    """Search for a run worse than `worst`, on its body and of its cause, and yield all runs made.
+    """Search for a run worse than `worst`, as `measured`, on its body and of its cause, and yield all runs made.
 
     Varied are the time over the whole run, the magnitude (between the catalogue's smallest and largest) and direction
     of each fault, the delay after the trip of an ordered cause, and the place within reach: first everywhere, then near
     the worst run until then. The points are a Halton sequence, scrambled by the seed of the evidence.
-
-    Args:
-        measured: returns the limited quantity.
     """
     budget, reach = hazard.evidence.search, hazard.evidence.reach
     wide = 1 + len(cause.faults) + cause.ordered + (2 if reach else 0)
