@@ -21,7 +21,6 @@ def experiment_names(incomplete: str) -> list[str]:
 
 
 def drive_names(incomplete: str) -> list[str]:
-    """List the drives in fmus/ for shell completion."""
     from twin.robot.experiment import drive_files
     from twin.robot.paths import locate_file
 
@@ -36,7 +35,6 @@ def role_names(incomplete: str) -> list[str]:
 
 
 def body_names(incomplete: str) -> list[str]:
-    """List the bodies in bodies/ and experiments/bodies/ for shell completion."""
     from twin.robot.experiment.experiment_files import BODY_FOLDERS
     from twin.robot.paths import locate_file
 

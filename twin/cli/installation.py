@@ -56,7 +56,6 @@ class Finding(NamedTuple):
 
 
 def is_ready(findings: Sequence[Finding]) -> bool:
-    """Whether the findings about the installation allow to run experiments."""
     return all(finding.state != "bad" for finding in findings)
 
 

@@ -49,7 +49,6 @@ class Outlet(_Stream):
             return self._stream.write(text)
 
     def flush(self) -> None:
-        """Flush standard output; raises as `write` does."""
         with _writing_output():
             self._stream.flush()
 

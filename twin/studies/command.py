@@ -92,7 +92,6 @@ class Study:
         return function
 
     def shared_options(self) -> list[str]:
-        """Return the names of the options common to many commands that this study has."""
         process = [*(["isolate"] if self.isolated else []), *(["limit_step", "limit_wall"] if self.limited else [])]
         page = ["report"] if self.reported else []
         return [*(["formats", "columns"] if self.draws else []), *(["as_json"] if self.json else []), *page, *process]

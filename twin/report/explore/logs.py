@@ -67,14 +67,6 @@ def _entries(folder: Path, depth: int) -> Iterator[Path]:
             yield from _entries(entry, depth - 1)
 
 
-def _log_path(name: Any) -> Path:
-    if not isinstance(name, str) or name not in known_logs():
-        raise InputRefused(
-            f"log {str(name)[:80]!r}: no such log below the current folder; {nearest(str(name)[:80], known_logs())}"
-        )
-    return Path(name)
-
-
 def _view_of(log: Log, experiment: Experiment, shift: float) -> LogView:
     """Convert a log, its times moved by `shift` (s), to a view, with all topics on one clock and NaN in gaps.
 
@@ -114,9 +106,12 @@ def _estimates(log: Log, experiment: Experiment) -> dict[str, LogSeries]:
 
 def log_run(ask: Mapping[str, Any], experiment: Experiment) -> tuple[PanelRun, str]:
     """Read the log that `ask` names ("log", "shift_s"; untrusted) and a column map next to it; return it and notes."""
-    path, shift = _log_path(ask.get("log")), ask.get("shift_s") or 0.0
+    name, known, shift = str(ask.get("log")), known_logs(), ask.get("shift_s") or 0.0
+    if name not in known:
+        raise InputRefused(f"log {name[:80]!r}: no such log below the current folder; {nearest(name[:80], known)}")
     if not isinstance(shift, int | float) or isinstance(shift, bool) or not abs(shift) < MAX_SHIFT:
         raise InputRefused("shift_s: expected a time in s")
+    path = Path(name)
     beside = path.with_suffix(".map.toml")
     mapped = beside.is_file()
     try:

@@ -108,7 +108,6 @@ def base_experiment(base: PageBase, drive: str | None, body: str | None) -> Expe
 
 @lru_cache(16)
 def known_sliders(base: PageBase, drive: str | None, body: str | None) -> dict[str, Slider]:
-    """Return the explorer's sliders for the experiment with a drive and a body."""
     return sliders(base_experiment(base, drive, body))
 
 

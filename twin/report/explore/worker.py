@@ -196,7 +196,6 @@ class ViewRequest(NamedTuple):
 
     @classmethod
     def from_request(cls, ask: Mapping[str, Any]) -> "ViewRequest":
-        """Parse the requested view from a page's checked request."""
         titles, span, width = ask.get("panels") or [], ask.get("span"), ask.get("width") or 0
         if span is not None and (len(span) != 2 or not 0.0 <= span[0] < span[1]):
             raise InputRefused("span: expected two times in s, the earlier one first")
@@ -269,7 +268,6 @@ def _onset(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _loops(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Analyse the control loops of a page's state at one operating point."""
     # imported here: python-control takes a second to load
     from twin.report.explore.loops import loops
 

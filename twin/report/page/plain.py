@@ -52,14 +52,10 @@ def sweep_page(sweep: SweepRows, asked: SweepQuery, pictures: Mapping[str, Path]
         found.append(("pictures", "Pictures", join_markup(drawn.values())))
     links = [(key, PART_NAMES.get(key.partition("-")[0], title)) for key, title, _ in found]
     sections = [(key, title[0].upper() + title[1:], html) for key, title, html in found]
-    return plain_page(f"Sweep {sweep.name}", _subtitle(sweep), sections, links, " from the rows of the sweep alone")
-
-
-def _subtitle(sweep: SweepRows) -> str:
     drives = f" | {', '.join(sweep.drives)}" if sweep.drives else ""
-    return (
-        f"{len(sweep.columns)} of {sweep.runs} runs | design {sweep.design} | varies {', '.join(sweep.labels)}{drives}"
-    )
+    done = f"{len(sweep.columns)} of {sweep.runs} runs | design {sweep.design}"
+    subtitle = f"{done} | varies {', '.join(sweep.labels)}{drives}"
+    return plain_page(f"Sweep {sweep.name}", subtitle, sections, links, " from the rows of the sweep alone")
 
 
 def _content(part: ReportPart) -> list[Markup]:

@@ -255,7 +255,6 @@ def boxes(run: ReportRun) -> Markup:
 
 
 def residuals(run: ReportRun) -> Markup:
-    """Return the table of all residuals of a session between robot and twin."""
     rows = [
         (text, unit, f"{one.mean:+.3g}", f"{one.rms:.3g}", f"{one.largest:+.3g}", time_button(one.largest_time))
         for text, unit, one in _residuals(run)
@@ -372,7 +371,6 @@ def _ms(seconds: float | None) -> str:
 
 
 def origin(run: ReportRun) -> Markup:
-    """Return the section on the source, experiment and recording of a session."""
     versions = run.recording.metadata.get("versions", {})
     rows = [
         ("source", _source(run)),

@@ -91,7 +91,6 @@ class Effect:
 
 
 def without_effects(experiment: Experiment) -> Experiment:
-    """Return the experiment with all small effects of a real robot switched off."""
     names = {name for effect in SMALL_EFFECTS for name in effect.values}
     return with_plant(experiment, **{name: TrueRobot.model_fields[name].default for name in names})
 
@@ -385,7 +384,6 @@ def _table(title: str, rows: Sequence[Row | str]) -> Table:
 
 
 def headline(budget: Budget) -> str:
-    """Return the rms force error of an accuracy budget as a clause."""
     return f"the force is estimated to {budget.as_is.rms:.3f} N rms"
 
 

@@ -80,7 +80,6 @@ class FaultRow:
 
     @property
     def misses_detection(self) -> bool:
-        """Whether the monitor missed a fault that the catalogue states as detected."""
         return self.expects_detection and not self.is_detected
 
     @property

@@ -165,7 +165,6 @@ class CombinationRow:
 
     @property
     def misses_detection(self) -> bool:
-        """Whether the monitor missed combined faults that are stated as detected."""
         return self.expects_detection and not self.is_detected
 
     @property

@@ -28,8 +28,8 @@ from twin.robot.experiment.measure import (
     UntilFormula,
     parse_requirement,
 )
+from twin.studies.metrics.response import Curve
 
-Curve = NDArray[np.float64]
 SignalValues = Callable[[str], NDArray]
 """Values of a signal at every tick, by `topic.field`, such as `Trace.held`."""
 

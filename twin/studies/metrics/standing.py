@@ -8,10 +8,10 @@ too: mean +- t s / sqrt(n), t the 97.5 % quantile of Student's distribution with
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from twin.robot.experiment.source import value_at
 from twin.robot.run.hold import TOUCH_GRACE
 from twin.robot.run.measures import HEADLINE_KEYS, LEAST_CHATTER, ROWS_BY_KEY, MeasureRow, Values, fixed_point
 
@@ -160,15 +160,8 @@ def compare_single_runs(
     differing = [
         what
         for what, keys in DECISIVE_KEYS.items()
-        if any(len({repr(_value_at(e, key)) for e in experiments}) > 1 for key in keys)
+        if any(len({repr(value_at(e, key)) for e in experiments}) > 1 for key in keys)
     ]
     if differing:
         return f"{one} beside {other}: no verdict, another {' and another '.join(differing)}"
     return f"{standing_sentence(one, other, standing(*runs) if all(runs) else {})} (one run each)"
-
-
-def _value_at(values: Mapping, key: str) -> Any:
-    found: Any = values
-    for part in key.split("."):
-        found = found.get(part) if isinstance(found, Mapping) else None
-    return found

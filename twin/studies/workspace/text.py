@@ -29,7 +29,6 @@ RANK_COLUMNS = (Column("value", 36, left=True), Column("rms", 8, ".3f", "N"))
 
 
 def capability_result(done: Capability, files: Mapping[str, str]) -> Result:
-    """Return the report of a robot's capability."""
     z, (low, high) = 1e3 * done.pose[2], (1e3 * value for value in done.reach_z)
     rows = [
         ("stiffness of the springs", done.stiffness, 1.0, "N/m"),
