@@ -1,7 +1,4 @@
-"""`twin doctor`: the state of this installation, with a remedy for each finding.
-
-Examines packages, compiled code, unpacked FMUs, drives, processes and disk, and gives a verdict.
-"""
+"""`twin doctor`: the state of this installation, with a remedy for each finding."""
 
 import json
 import os
@@ -181,9 +178,7 @@ def home_finding(home: Path = PROJECT_FOLDER) -> Finding:
 
 
 def drives_finding(here: Path) -> Finding:
-    """Check, without loading them, that the drives of fmus/, as seen from `here`, fit and have a binary for this
-    machine.
-    """
+    """Check, without loading them, that the drives of fmus/ seen from `here` fit and have a binary for this machine."""
     try:
         drives = listed_drives(here)
     except InputRefused as refusal:

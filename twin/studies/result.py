@@ -1,8 +1,4 @@
-"""The result of a study and its layout: text of the terminal's width, JSON.
-
-A study computes and returns a `Result` of tables and notes; this module aligns columns, formats numbers and folds
-sentences.
-"""
+"""The result of a study, tables and notes, and its layout: text of the terminal's width, JSON."""
 
 import os
 import textwrap

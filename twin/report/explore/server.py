@@ -141,9 +141,8 @@ class AnsweringProcess:
     def answer(self, base: Mapping[str, Any], ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
         """Answer the request `ask` of a page of `PageBase` by `twin.report.explore.worker.answer_request`.
 
-        `outdated` is set when a newer answer is requested. ComponentFailed: a drive crashed, hung or ended the process;
-        names drive, place and time in one sentence. OutdatedAnswer: the answer was cancelled. TwinError: an internal
-        error.
+        `outdated` is set when a newer answer is requested. ComponentFailed: a drive crashed, hung or ended the process.
+        OutdatedAnswer: the answer was cancelled. TwinError: an internal error.
         """
         self._outdated, self._began = outdated, time.monotonic()
         try:

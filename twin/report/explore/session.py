@@ -1,5 +1,4 @@
-"""Client of a `twin shadow --live` session: shows its robot alongside the explored experiment, and accepts its
-proposals.
+"""Client of a `twin shadow --live` session: shows its robot in the explorer, and accepts its proposals.
 
 The server, not the page, is the viewer of the session, so the page's content policy stays unchanged, and the token of
 the session reaches no browser.

@@ -65,9 +65,7 @@ class Effect:
     """A small effect of the true robot that an experiment may leave out.
 
     Attributes:
-        name, amount: text for the report.
         values: plausible values of attributes of `robot.Plant` (SI); `ONE_TICK` for the tick of the experiment.
-        reason: source of the values.
     """
 
     name: str
@@ -125,7 +123,6 @@ class Uncertainty:
         names: attributes of `robot.Model` that are off by the same amount at once.
         joint: index of the affected element, from 0; None for a scalar parameter.
         share, amount: relative (1) and absolute (SI) part; one of them is 0.
-        reason: source of the amount.
     """
 
     label: str

@@ -82,10 +82,7 @@ def observed_order(ticks: ArrayLike, errors: ArrayLike, floor: float) -> Order:
 
 
 def comparable_experiment(experiment: Experiment) -> tuple[Experiment, tuple[str, ...]]:
-    """Return the experiment without quantisation, and a phrase for each removed effect.
-
-    It has exact encoders, and a force loop triggered by time instead of by force.
-    """
+    """Return the experiment with exact encoders and a force loop triggered by time, and a phrase for each change."""
     if experiment.faults:
         raise InputRefused(f"{experiment.name}: has faults, whose effect is not a coupling error; remove [[fault]]")
     if experiment.tasks:

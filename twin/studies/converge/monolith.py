@@ -169,11 +169,8 @@ def has_monolithic_form(experiment: Experiment) -> bool:
 def monolithic_rows(experiment: Experiment, drives: Servos) -> dict[str, NDArray[np.float64]]:
     """Run an experiment as one differential equation, without any coupling error.
 
-    Its [cosim] scheme has no effect.
-
     Returns:
-        Outputs of the plant by "plant.port", and "theta_m", "omega_m" and "omega_ref" (n, 3): one row per tick of the
-            controller.
+        Outputs of the plant by "plant.port", and "theta_m", "omega_m" and "omega_ref" (n, 3), per controller tick.
     """
     parameters, p = plant_parameters(experiment.plant, experiment.contact), experiment.plant
     x_plant, theta_m = rest_state(parameters, experiment.start)

@@ -102,7 +102,6 @@ class NearestRun:
 
     Attributes:
         distances: distance from a violation, by the name of the requirement.
-        share: smallest distance as a share of the healthy distance.
         run: number of the run, from 1.
         first: number of the first violating run of this kind; None without one.
     """

@@ -68,11 +68,6 @@ def default_onsets(healthy: Outcome) -> tuple[int, int]:
     return (descent + first) // 2, int(longest.sum()) // 2
 
 
-def onsets_of(experiment: Experiment, healthy: Outcome) -> tuple[float, ...]:
-    """Return the default fault onsets (s) of an experiment, from its healthy run."""
-    return tuple(tick * experiment.cosim.tick for tick in default_onsets(healthy))
-
-
 def _spans(true: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Find the unbroken stretches of True in an array, (n, 2): first index, and the index after the last."""
     edges = np.diff(np.concatenate([[False], true, [False]]).astype(int))

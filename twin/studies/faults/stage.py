@@ -12,7 +12,7 @@ from twin.robot.experiment.fault import Fault
 from twin.robot.run.runs import Outcome, RunRequest, Runs
 from twin.studies.faults.cases import faults_of
 from twin.studies.faults.offsets import NO_OFFSET, moved_settings
-from twin.studies.faults.onsets import checked_healthy_run, onsets_of, touching
+from twin.studies.faults.onsets import checked_healthy_run, default_onsets, touching
 from twin.studies.faults.reaction import REACTION_SIGNALS, Reaction, reaction
 
 MAX_PASTS = 4
@@ -64,7 +64,7 @@ class Stage:
     @cached_property
     def onsets(self) -> tuple[float, ...]:
         """Onsets (s) of the faults to inject."""
-        return self._onsets or onsets_of(self.experiment, self.healthy)
+        return self._onsets or tuple(tick * self.experiment.cosim.tick for tick in default_onsets(self.healthy))
 
     def touches(self, onset: float) -> bool:
         """Check whether the healthy robot touches the body at `onset` (s)."""

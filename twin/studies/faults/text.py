@@ -10,9 +10,10 @@ import numpy as np
 
 from twin.kernel.serialise import to_dict
 from twin.robot.experiment.fault import FAULT_KINDS
+from twin.studies.faults import SetOfFaults
 from twin.studies.faults.matrix import FORCE_ALLOWANCE, MAX_IDEAL_SHARE, FaultRow
 from twin.studies.faults.offsets import NO_OFFSET
-from twin.studies.faults.together import MAX_PEAK_SHARE, CombinationRow, FaultSet
+from twin.studies.faults.together import MAX_PEAK_SHARE, CombinationRow
 from twin.studies.figure import BARE_STYLE, INK, LESS_IS_BETTER, LIGHT_IS_GOOD, VERMILION, Axes, picture
 from twin.studies.result import Block, Column, Note, Result, Table, count_text
 
@@ -28,6 +29,7 @@ UNIT_TEXTS = {
     "Nm_s_per_rad": "Nms/rad",
 }
 """Units of the catalogue as people write them, where that differs."""
+SET_TITLES = {SetOfFaults.COMMON: "common causes", SetOfFaults.PAIRS: "pairs"}
 SINGULAR_FORCE = 100.0
 """Force (N) beyond which the mechanism is near its singular pose, and larger forces are no forecast."""
 FAULT_COLUMNS = (
@@ -114,10 +116,10 @@ def fault_matrix_result(
 
 
 def combination_result(
-    experiment: str, rows: Sequence[CombinationRow], wanted: Sequence[FaultSet], complete: bool = False
+    experiment: str, rows: Sequence[CombinationRow], wanted: Sequence[SetOfFaults], complete: bool = False
 ) -> Result:
     failing = sum(row.fails for row in rows)
-    names = " and ".join({FaultSet.COMMON: "common causes", FaultSet.PAIRS: "pairs"}.get(one, one) for one in wanted)
+    names = " and ".join(SET_TITLES.get(one, one) for one in wanted)
     verdict = (
         f"{experiment}  {'FAILED' if failing else 'as stated'}: {len(rows) - failing} of "
         f"{count_text(len(rows), 'case')} of {names} below their limits."
@@ -129,7 +131,7 @@ def combination_result(
 def combination_blocks(rows: Sequence[CombinationRow], complete: bool = False) -> list[Block]:
     """Format the worst rows of each list of combined faults, and the number of failures."""
     blocks: list[Block] = []
-    for kind, title in ((FaultSet.COMMON, "common causes"), (FaultSet.PAIRS, "pairs")):
+    for kind, title in SET_TITLES.items():
         of_kind = sorted((row for row in rows if row.faults.kind is kind), key=lambda row: -row.watched.peak)
         if not of_kind:
             continue

@@ -63,14 +63,6 @@ TOLERANCE_NOTE = (
 MAX_EXACT_INTEGER = 2.0**53
 """Limit of whole numbers: larger ones do not fit the doubles exchanged between components."""
 TRIAL_JOB = "twin.studies.reference.outcome:outcome_fields"
-OUTCOME_MEANINGS = {
-    "agrees": "it reproduced the results",
-    "differs": "it deviated from the results",
-    "ran": "it ran to the end, without results to compare",
-    "refused": "something was refused before it ran",
-    "failed": "it could not be initialised, or returned an error, NaN or infinity",
-    "lost": "its process crashed, hung or outgrew its limits",
-}
 BAD_OUTCOMES = ("lost", "failed", "differs", "refused")
 """Outcomes that fail, worst first."""
 
@@ -390,7 +382,12 @@ def deviations(run: BareRun, results: Series) -> list[SignalDeviation]:
 
 @dataclass(frozen=True)
 class ReferenceOutcome:
-    """Outcome of a reference experiment: key of `OUTCOME_MEANINGS`, deviations by signal in tolerances."""
+    """Outcome of a reference experiment, with the deviations by signal in tolerances.
+
+    Attributes:
+        word: "agrees" or "differs", "ran" without results to compare, "refused" before it ran, "failed", or "lost" if
+            its process crashed, hung or outgrew its limits.
+    """
 
     experiment: str
     word: str

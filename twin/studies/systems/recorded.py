@@ -210,11 +210,10 @@ def record_system(
     Notes: {"experiment": name, "folder": folder of the run, "duration" (s)} before the first step.
 
     Args:
-        out: folder of the run; None for results/NAME/TIME.
+        out: folder of the run; None for results/cosim/NAME/TIME.
         compiled: whether to build FMUs without a binary for this machine from their sources.
         state_every: time between saved states (s); None to save only the last state.
         start_from: run of this system to continue, optionally with @ and the time (s) of a saved state.
-        additions: values, inputs over time, and recorded variables.
     """
     reporter.loading()
     # Determined before an FMU is loaded, which may change the working directory.

@@ -110,10 +110,7 @@ class Capability:
 
 
 def capability(experiment: Experiment, rank: bool = True, say: Say = ignore_progress) -> Capability:
-    """Compute the capability of an experiment's true robot; drives are measured through their FMUs.
-
-    Values are ranked by their effect on the force if `rank`.
-    """
+    """Compute the capability of an experiment's true robot through its drives' FMUs; `rank` its values by effect."""
     plant, height, approach = experiment.plant, experiment.contact.height, experiment.approach
     geometry, pose, step = geometry_of(plant), np.array([0.0, 0.0, height]), plant.l_b / REACH_STEPS
 
