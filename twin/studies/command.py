@@ -140,7 +140,6 @@ class StudyInterrupt(TwinError):
 
 
 JobIsolation = Literal["run", "none"]
-"""Scope of the separate process."""
 JOB_ISOLATION: JobIsolation = "run" if os.name == "posix" else "none"
 """Default of `--isolate`: a guarded process on POSIX, else none."""
 Isolation = Literal["run", "drive", "none"]

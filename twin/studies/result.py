@@ -15,7 +15,6 @@ MIN_TERMINAL_WIDTH, MAX_TERMINAL_WIDTH = 40, 120
 WIDTH_VARIABLE = "TWIN_TEXT_WIDTH"
 """Environment variable with the width of the terminal; worker processes, which have no terminal, inherit it."""
 NO_BREAK_SPACE = "\xa0"
-"""Separator of words that must stay on one line."""
 
 
 def text_width() -> int:

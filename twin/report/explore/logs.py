@@ -28,10 +28,8 @@ from twin.studies.replay.samples import robot_samples
 
 LOG_SUFFIXES = (".csv", ".mcap", ".db3", ".db3.zstd", ".mcap.zstd")
 MAX_DEPTH = 4
-"""Maximum folder depth of the search for logs."""
 MAX_LOGS = 100
 MAX_ENTRIES = 20_000
-"""Maximum number of files and folders searched."""
 ENCODER_SERIES = {"encoder": ("count_m", "count_l"), "estimator": ("theta_m", "theta_l")}
 """Series of encoders; position and force are computed from them."""
 MAX_SHIFT = 1e6

@@ -48,11 +48,9 @@ MAX_WAITING = 64
 ROBOT_INTERVAL = 0.2
 """Interval (s) between updates of a page with the robot's state."""
 PROCESS_COUNT = 2
-"""Number of processes that run experiments."""
 OUTDATED_TIMEOUT = 3.0
 """Maximum time (s) that an outdated request occupies a process."""
 LINK_PATH = "/link"
-"""Path of a page's WebSocket."""
 CLOSE_TIMEOUT = 1.0
 """Timeout for closing connections (s)."""
 

@@ -80,7 +80,6 @@ FORCE_KEY = Markup('<span class="true">true</span> <span class="estimated">estim
 SESSION_KEY = Markup(
     '<span class="estimated">by the robot\'s counts</span>; <span class="true">plant model</span>, its force and pose'
 )
-"""Legend of the player for a session."""
 Section = tuple[str, str, Markup]
 """Key, title and content of a section; the title is also its text in the table of contents."""
 

@@ -19,8 +19,7 @@ from twin.studies.result import count_text
 CURVE_SAMPLES = 4000
 """Maximum number of samples of a curve; more than the pixels of a picture's width."""
 MAX_PANEL_CURVES, MAX_PANELS = 8, 24
-"""Maximum number of curves of a panel, and of panels of a run; for more of a large system, record by pattern and use a
-viewer."""
+"""Maximum number of curves of a panel, and of panels of a run; more are seen in a viewer."""
 MAX_EVENTS = 500
 
 

@@ -17,7 +17,7 @@ assumed standard uncertainty, with its reason.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import radians
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -209,16 +209,11 @@ class Budget:
         return tuple(one for one in self.contributions if one.group == group)
 
 
-@dataclass(frozen=True)
-class _Trace:
-    """True and estimated pressing force of a run at the controller's ticks, (n,) N."""
+class _Forces(NamedTuple):
+    """True pressing force of a run and the error of its estimate at the controller's ticks, (n,) N."""
 
     true: NDArray[np.float64]
-    estimate: NDArray[np.float64]
-
-    @property
-    def error(self) -> NDArray[np.float64]:
-        return self.estimate - self.true
+    error: NDArray[np.float64]
 
 
 def accuracy_budget(experiment: Experiment, say: Say = ignore_progress) -> Budget:
@@ -240,7 +235,7 @@ def accuracy_budget(experiment: Experiment, say: Say = ignore_progress) -> Budge
     for name, one in alone:
         steps.next(name)
         traces[name] = _trace(one)
-    others: list[tuple[Effect, _Trace]] = []
+    others: list[tuple[Effect, _Forces]] = []
     for effect in SMALL_EFFECTS:
         steps.next(effect.label)
         # both compared runs contain the coupling's error, so a fine coupling is not needed
@@ -322,13 +317,13 @@ def _fine(experiment: Experiment) -> Experiment:
     return with_cosim(experiment, tick=experiment.cosim.tick / FINE_STEPS, scheme="gauss_seidel", inputs="linear")
 
 
-def _trace(experiment: Experiment) -> _Trace:
+def _trace(experiment: Experiment) -> _Forces:
     true, estimate = "plant.F_ee_B", "estimator.F_ee_B"
     run = run_in_memory(experiment, experiment.controller_ticks, (true, estimate))
-    return _Trace(-run[true][:, 2], -run[estimate][:, 2])
+    return _Forces(-run[true][:, 2], run[true][:, 2] - run[estimate][:, 2])
 
 
-def _window(experiment: Experiment, traces: list[_Trace]) -> NDArray[np.bool_]:
+def _window(experiment: Experiment, traces: list[_Forces]) -> NDArray[np.bool_]:
     """Return the mask (n,) of the instants that an accuracy budget evaluates: the robot presses in every run.
 
     It begins `TOUCHDOWN_TIME` after the first such instant.

@@ -58,8 +58,7 @@ TUBE_TIME = 0.004
 """Half width of a tube in time (s): two periods of the robot's controller."""
 TUBE_FLOORS = {"m": 2.5e-5, "rad": 4e-4, "N": 0.05, "N m": 3e-3}
 """Minimum half width of a tube, by unit: one count of the joint encoder (2 pi / 16384, at a link of 60 mm), and the
-force of one count of the motor encoder (2 pi / 4096 times k_s N at 60 mm).
-"""
+force of one count of the motor encoder (2 pi / 4096 times k_s N at 60 mm)."""
 STEP_TIME = 0.02
 """Time (s) that a reference needs for its step: one controller period for way points, another for a joint."""
 

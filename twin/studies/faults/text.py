@@ -58,7 +58,6 @@ MOVED_COLUMNS = (
     Column("at mm", 7, left=True),
     *COMBINATION_COLUMNS[2:],
 )
-"""The same, where the tasks were moved, too."""
 MAX_SHOWN = 5
 """Maximum number of kinds, common causes and pairs in the text without `--all`, those with the largest force."""
 EXCESS_COLOR = VERMILION

@@ -38,7 +38,6 @@ img{max-height:24cm}.runs table,.runs td code{font-size:.5rem}.runs td,.runs th{
 """
 OVERVIEW_HEAD = ("", "hazard", "limit", "worst", "ideal monitor", "without monitor", "seen", "status")
 MIN_PUBLISHED = 2
-"""Minimum number of published pain thresholds of a table."""
 SECURITY_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 STATUS_CLASSES = {"kept": "kept", "exceeded": "exceeded", "exceeded as stated": "stated", "failed": "failed"}
 

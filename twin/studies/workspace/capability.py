@@ -45,7 +45,6 @@ EDGE_TOLERANCE = 1e-6
 RUN_UP = 1.0
 """Time (s) before the drive's speed is measured."""
 RANKED_VALUES = 5
-"""Number of values listed by their effect on the force."""
 IN_RUN = ("encoder counts", "backlash")
 """Imperfections of the accuracy budget that are values of the robot."""
 

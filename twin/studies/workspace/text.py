@@ -17,7 +17,6 @@ from twin.studies.result import Block, Column, Note, Result, Table, note
 from twin.studies.workspace.capability import Capability
 
 MAP_POINTS = 161
-"""Points of the map along each axis."""
 AXIS_COLUMNS = (Column("", 30, left=True), Column("x", 9), Column("y", 9), Column("z", 9), Column("", gap=2, left=True))
 SWING_NOTE = (
     "a natural frequency below 6 Hz: with the shipped gains the platform may swing until the monitor trips; choose "
