@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from twin.robot.experiment.fault import FAULT_KINDS, NO_END_TICK, Fault
-from twin.robot.run.runs import Outcome
 from twin.studies.faults.cases import Case
 from twin.studies.faults.onsets import CONTACT_FORCE, true_force
 from twin.studies.faults.reaction import Reaction, reaction
@@ -164,10 +163,8 @@ def matrix_rows(stage: Stage, cases: Sequence[Case]) -> Iterator[FaultRow]:
                 unwatched=unwatched,
                 stays=fault.end == NO_END_TICK,
             )
-            yield row if row.is_safe else replace(row, ideal=_ideal_peak(stage, fault, outcomes[0], limit))
-
-
-def _ideal_peak(stage: Stage, fault: Fault, watched: Outcome, limit: float) -> float:
-    """Compute the largest force (N) if power is cut when the true force of the run `watched` reaches `limit` (N)."""
-    at = fault.onset + int(np.argmax(true_force(watched)[fault.onset :] >= limit))
-    return stage.reaction((fault, Fault("power_off", "power", at))).peak
+            if not row.is_safe:
+                # the power is cut when the true force reaches the limit
+                at = fault.onset + int(np.argmax(true_force(outcomes[0])[fault.onset :] >= limit))
+                row = replace(row, ideal=stage.reaction((fault, Fault("power_off", "power", at))).peak)
+            yield row
