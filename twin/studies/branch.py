@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from twin.kernel.errors import InputRefused
 from twin.studies.command import Argument, BodyName, Option, Say, study
 from twin.studies.precheck import print_latest
-from twin.studies.result import Column, Note, Result, Table, note
+from twin.studies.result import Block, Column, Note, Result, Table, note
 
 if TYPE_CHECKING:
     import numpy as np
@@ -181,7 +181,7 @@ def _result(
     ]
     facts = {"at": at, "verdict": compared, "state": point.how, "branches": rows}
     files = {"picture": relative_path(home / PICTURE_FILE), "next": f"twin report {run} {folders}"}
-    body = [Table(columns, cells), *named, *(Note(text, later=2) for text in compared), *lacking, after]
+    body: list[Block] = [Table(columns, cells), *named, *(Note(text, later=2) for text in compared), *lacking, after]
     return Result(headline, body, facts, files)
 
 

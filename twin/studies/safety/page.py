@@ -110,7 +110,7 @@ def worst_texts(line: HazardLine) -> list[str]:
     """Format the limited quantity of the line's worst run: with the monitor, with an ideal one, and without."""
     worst, unit = line.worst, line.hazard.limit_key.rpartition("_")[2]
     runs = (worst.watched, worst.ideal, worst.unwatched) if worst else (None,) * 3
-    values = [run and line.limited_value(run) for run in runs]
+    values = [None if run is None else line.limited_value(run) for run in runs]
     return ["-" if v is None else "to the end" if math.isinf(v) else f"{v:.3g} {unit}" for v in values]
 
 
