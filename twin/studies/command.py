@@ -144,8 +144,6 @@ JOB_ISOLATION: JobIsolation = "run" if os.name == "posix" else "none"
 """Default of `--isolate`: a guarded process on POSIX, else none."""
 Isolation = Literal["run", "drive", "none"]
 """Scope of the separate process of a run; drives can have processes of their own."""
-
-
 PictureFormat = Literal["svg", "pdf"]
 
 Isolate = Annotated[

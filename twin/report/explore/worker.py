@@ -63,7 +63,6 @@ MAX_TICKS = 400_000
 Layout = Literal["", "fig4"]
 """Figure of the paper that replaces the panels: Fig. 4 in the paper's layout; "" without one."""
 MAX_RUNS = 100
-NO_MONITOR = "no monitor here"
 NO_RUN_FACTS = {"title": "", "trip": "", "numbers": [], "events": [], "values": {}, "command": ""}
 """Fields of an answer with a run that was not simulated here."""
 _viewed_signals: dict[tuple[object, ...], frozenset[str]] = {}
@@ -147,7 +146,7 @@ def _run_state(state: PageState, experiment: Experiment, look: "ViewRequest", on
     numbers = tiles(own.tally.outcome, own.tally.held_forces)
     if experiment.faults:
         onset, trip = min(fault.onset for fault in experiment.faults), monitor.trip if monitor else None
-        delay, none = (trip.tick - onset) * tick if trip else None, "it does not trip" if monitor else NO_MONITOR
+        delay, none = (trip.tick - onset) * tick if trip else None, "it does not trip" if monitor else "no monitor here"
         if not monitor and watched:
             none = "a third-party monitor reports no time"
         numbers.append(Tile("monitor trips after the fault", "s", delay, "" if trip else none, 3))

@@ -60,7 +60,6 @@ MOVED_COLUMNS = (
 )
 MAX_SHOWN = 5
 """Maximum number of kinds, common causes and pairs in the text without `--all`, those with the largest force."""
-EXCESS_COLOR = VERMILION
 MAX_SHADE = 2.0
 """Peak over force limit at the end of the colour scale."""
 SIZE_COUNT = 3
@@ -263,9 +262,7 @@ def draw_fault_matrix(experiment: str, rows: Sequence[FaultRow], path: Path) -> 
         marks = [
             Line2D([], [], ls="", marker="o", color=INK, ms=4, label="seen by the monitor"),
             Line2D([], [], ls="", marker="x", color=INK, ms=5, label="run ended there: a component failed"),
-            Rectangle(
-                (0, 0), 1, 1, fill=False, ec=EXCESS_COLOR, lw=2.2, label=f"beyond {FORCE_ALLOWANCE:g} of the limit"
-            ),
+            Rectangle((0, 0), 1, 1, fill=False, ec=VERMILION, lw=2.2, label=f"beyond {FORCE_ALLOWANCE:g} of the limit"),
         ]
         figure.legend(handles=marks, loc="outside lower center", ncols=3)
 
@@ -282,7 +279,7 @@ def _draw_cell(axes: Axes, shade: "ScalarMappable", row: FaultRow, watched: bool
     axes.add_patch(Rectangle((left, line), wide, 1, fc=color, ec="white", lw=0.6))
     if not safe:
         axes.add_patch(
-            Rectangle((left + 0.06, line + 0.08), wide - 0.12, 0.84, fill=False, ec=EXCESS_COLOR, lw=2.2, zorder=3)
+            Rectangle((left + 0.06, line + 0.08), wide - 0.12, 0.84, fill=False, ec=VERMILION, lw=2.2, zorder=3)
         )
     ink = INK if 0.299 * r + 0.587 * g + 0.114 * b > 0.5 else "white"
     middle = left + 0.5 * wide

@@ -26,8 +26,6 @@ DECISIVE_KEYS = {
     "body": ("contact",),
 }
 """Aspect that must be equal in two compared experiments -> its keys."""
-
-
 MIXED_RANK = 2
 """Rank over several experiments: better in one and worse in another."""
 RANK_WORDS = {-1: "better in", 1: "worse in", 0: "the same in", MIXED_RANK: "now better, now worse in"}
