@@ -29,7 +29,6 @@ from twin.robot.assembly.drives import plan_drive
 from twin.robot.experiment.drive_files import load_drive
 from twin.studies.reference.outcome import (
     BAD_OUTCOMES,
-    OUTCOME_MEANINGS,
     TOLERANCE_NOTE,
     ReferenceOutcome,
     Trial,
@@ -50,6 +49,14 @@ LONGEST = 400
 MOST_FMUS = 5_000
 MEMORY = 2e9
 """Bytes that one FMU may take."""
+OUTCOME_MEANINGS = {
+    "agrees": "it reproduced the results",
+    "differs": "it deviated from the results",
+    "ran": "it ran to the end, without results to compare",
+    "refused": "something was refused before it ran",
+    "failed": "it could not be initialised, or returned an error, NaN or infinity",
+    "lost": "its process crashed, hung or outgrew its limits",
+}
 KINDS = {
     "CoSimulation": "co-simulation",
     "ModelExchange": "model exchange",

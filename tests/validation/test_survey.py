@@ -8,9 +8,8 @@ from tests.kernel.fmi.archives import altered, carrying, redescribed
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_json, read_toml
 from twin.kernel.process.guard import JobFailure
-from twin.studies.reference.outcome import OUTCOME_MEANINGS
 from validation import survey as module
-from validation.survey import main, page_text, stated, survey, survey_text, tried
+from validation.survey import OUTCOME_MEANINGS, main, page_text, stated, survey, survey_text, tried
 
 WALL = 60.0
 

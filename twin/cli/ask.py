@@ -1,6 +1,4 @@
-"""Execution of a study for its command: calls it, prints its answers, and turns a crash of an FMU into an error
-message.
-"""
+"""Execution of a study for its command: calls it, prints its answers, reports a crash of an FMU as an error message."""
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping

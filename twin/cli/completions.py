@@ -21,12 +21,10 @@ def experiment_names(incomplete: str) -> list[str]:
 
 
 def drive_names(incomplete: str) -> list[str]:
-    """List the drives in fmus/ for shell completion."""
+    from twin.robot.experiment import drive_files
     from twin.robot.paths import locate_file
 
-    shelf = locate_file("fmus", Path.cwd())
-    fmus = [*shelf.glob("*/*.fmu"), *shelf.glob("*/mapping.toml")]
-    return _starting_with(incomplete, {fmu.parent.name for fmu in fmus})
+    return _starting_with(incomplete, drive_files.drive_names(locate_file("fmus", Path.cwd())))
 
 
 def role_names(incomplete: str) -> list[str]:
@@ -37,7 +35,6 @@ def role_names(incomplete: str) -> list[str]:
 
 
 def body_names(incomplete: str) -> list[str]:
-    """List the bodies in bodies/ and experiments/bodies/ for shell completion."""
     from twin.robot.experiment.experiment_files import BODY_FOLDERS
     from twin.robot.paths import locate_file
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.job import JobLimits
-from twin.studies.command import Argument, BodyName, DriveName, LimitStep, Option, Settings, study
+from twin.studies.command import BodyName, DriveName, ExperimentName, LimitStep, Option, Settings, study
 
 if TYPE_CHECKING:
     from twin.report.explore.session import LiveSession
@@ -20,9 +20,7 @@ DEFAULT_LINGER = 60.0
 
 @study(json=False)
 def explore(
-    experiment: Annotated[
-        Path, Argument("Experiment file (TOML) or name.", "EXPERIMENT", complete="experiment")
-    ] = Path("fig4_force_position"),
+    experiment: ExperimentName = Path("fig4_force_position"),
     drive: DriveName = None,
     body: BodyName = None,
     settings: Settings = (),

@@ -1,7 +1,4 @@
-"""`twin doctor`: the state of this installation, with a remedy for each finding.
-
-Examines packages, compiled code, unpacked FMUs, drives, processes and disk, and gives a verdict.
-"""
+"""`twin doctor`: the state of this installation, with a remedy for each finding."""
 
 import json
 import os
@@ -56,19 +53,7 @@ class Finding(NamedTuple):
 
 
 def is_ready(findings: Sequence[Finding]) -> bool:
-    """Whether the findings about the installation allow to run experiments."""
     return all(finding.state != "bad" for finding in findings)
-
-
-def lacking_topics(findings: Sequence[Finding]) -> list[str]:
-    """Return the topics of features that the installation lacks, from its findings."""
-    return [finding.topic for finding in findings if finding.state == "lacks"]
-
-
-def project_table() -> dict[str, Any]:
-    """Return [project] of the clone's pyproject.toml; without a clone, the same from the installed package."""
-    project = PROJECT_FOLDER / "pyproject.toml"
-    return read_toml(project)["project"] if project.is_file() else installed_table()
 
 
 def installed_table(package: str = "twin") -> dict[str, Any]:
@@ -92,36 +77,21 @@ def installed_table(package: str = "twin") -> dict[str, Any]:
 
 
 def package_findings(project: dict[str, Any], clone: bool = True) -> list[Finding]:
-    """Check Python, the required packages and each extra of `project` (see `project_table`).
+    """Check Python, the required packages and each extra of `project`, the table of pyproject.toml.
 
     In a `clone`, pip can install twin again, and its user may develop twin.
     """
-    return [
-        _python_finding(project["requires-python"]),
-        _packages_finding(project["dependencies"], clone),
-        *_extra_findings(project, clone),
-    ]
-
-
-def _python_finding(wanted: str) -> Finding:
     from packaging.specifiers import SpecifierSet
 
-    here = platform.python_version()
+    here, wanted, needed = platform.python_version(), project["requires-python"], project["dependencies"]
     fits = SpecifierSet(wanted).contains(here, prereleases=True)
     remedy = "" if fits else "; create the environment again with another Python"
-    return Finding("python", "ok" if fits else "bad", f"{here}, needs {wanted}{remedy}")
-
-
-def _packages_finding(texts: list[str], clone: bool) -> Finding:
-    wrong = _problems(texts)
-    if wrong:
+    findings = [Finding("python", "ok" if fits else "bad", f"{here}, needs {wanted}{remedy}")]
+    if wrong := _problems(needed):
         remedy = "pip install -c constraints.txt -e ." if clone else _install(wrong)
-        return Finding("packages", "bad", f"{'; '.join(wrong.values())}: {remedy}")
-    return Finding("packages", "ok", f"all {len(texts)} that are needed")
-
-
-def _extra_findings(project: dict[str, Any], clone: bool) -> list[Finding]:
-    findings = []
+        findings.append(Finding("packages", "bad", f"{'; '.join(wrong.values())}: {remedy}"))
+    else:
+        findings.append(Finding("packages", "ok", f"all {len(needed)} that are needed"))
     for extra, texts in project.get("optional-dependencies", {}).items():
         if not clone and extra not in EXTRA_PURPOSES:
             continue
@@ -159,20 +129,16 @@ def _problem(text: str) -> str:
         there = version(wanted.name)
     except PackageNotFoundError:
         return f"{wanted.name} is not installed"
-    return (
-        ""
-        if wanted.specifier.contains(there, prereleases=True)
-        else f"{wanted.name} is {there}, not {wanted.specifier}"
-    )
+    fits = wanted.specifier.contains(there, prereleases=True)
+    return "" if fits else f"{wanted.name} is {there}, not {wanted.specifier}"
 
 
 def compiled_finding() -> Finding:
     """Check whether compiled code can be cached, exists, and is unmodified."""
     if refusal():
         return Finding("compiled", "lacks", f"every command compiles again: {refusal()}")
-    place = (
-        f"{object_folder()}, {f'as {FOLDER_VARIABLE} says' if os.environ.get(FOLDER_VARIABLE) else PRIVATE_FOLDER_TEXT}"
-    )
+    why = f"as {FOLDER_VARIABLE} says" if os.environ.get(FOLDER_VARIABLE) else PRIVATE_FOLDER_TEXT
+    place = f"{object_folder()}, {why}"
     files, brought = object_files(), object_files(PACKAGED_OBJECTS)
     if not files and not brought:
         return Finding("compiled", "ok", f"nothing yet: the first run compiles, some seconds; kept in {place}")
@@ -212,9 +178,7 @@ def home_finding(home: Path = PROJECT_FOLDER) -> Finding:
 
 
 def drives_finding(here: Path) -> Finding:
-    """Check, without loading them, that the drives of fmus/, as seen from `here`, fit and have a binary for this
-    machine.
-    """
+    """Check, without loading them, that the drives of fmus/ seen from `here` fit and have a binary for this machine."""
     try:
         drives = listed_drives(here)
     except InputRefused as refusal:
@@ -232,9 +196,8 @@ def drives_finding(here: Path) -> Finding:
 def isolation_finding() -> Finding:
     """Check whether this machine can give a run its own process."""
     if os.name == "posix":
-        return Finding(
-            "isolation", "ok", "a run lives in a process of its own; a drive that crashes costs only its run"
-        )
+        text = "a run lives in a process of its own; a drive that crashes costs only its run"
+        return Finding("isolation", "ok", text)
     return Finding("isolation", "lacks", "needs Linux or macOS: a drive that crashes takes twin with it")
 
 
@@ -248,12 +211,6 @@ def disk_finding(here: Path) -> Finding:
     if free < LOW_DISK_BYTES:
         return Finding("disk", "bad" if free < MIN_DISK_BYTES else "lacks", f"{text}; delete old runs")
     return Finding("disk", "ok", text)
-
-
-def browser_finding() -> Finding:
-    """Check whether the report page can be tested in a browser."""
-    found = shutil.which("chromium")
-    return Finding("chromium", "ok", found) if found else Finding("chromium", "note", "the page's tests need it")
 
 
 def smoke_finding(home: Path) -> Finding:
@@ -282,9 +239,14 @@ def examine(here: Path, with_run: bool) -> list[Finding]:
     home = home_finding()
     if home.state == "bad":
         return [home]
-    findings = [home, *package_findings(project_table(), is_clone())]
+    project = PROJECT_FOLDER / "pyproject.toml"
+    table = read_toml(project)["project"] if project.is_file() else installed_table()
+    findings = [home, *package_findings(table, is_clone())]
     findings += [compiled_finding(), drives_finding(here), unpacked_finding(), isolation_finding()]
-    findings += [disk_finding(here), *([browser_finding()] if is_clone() else [])]
+    findings.append(disk_finding(here))
+    if is_clone():
+        browser = shutil.which("chromium")
+        findings.append(Finding("chromium", "ok" if browser else "note", browser or "the page's tests need it"))
     return [*findings, smoke_finding(PROJECT_FOLDER)] if with_run else findings
 
 
@@ -292,7 +254,7 @@ def verdict(findings: Sequence[Finding]) -> str:
     """Return the verdict on the installation: `ready`, `ready, without: live` or `not ready: packages`."""
     if not is_ready(findings):
         return "not ready: " + ", ".join(finding.topic for finding in findings if finding.state == "bad")
-    without = lacking_topics(findings)
+    without = [finding.topic for finding in findings if finding.state == "lacks"]
     return f"ready, without: {', '.join(without)}" if without else "ready"
 
 

@@ -22,7 +22,13 @@ def run_text(run: Mapping[str, Any]) -> str:
     lines = [f"{run['experiment']}  {speed}{_warning(values)}"]
     for remark in run["remarks"]:
         lines += wrap_text(remark, "  ")
-    lines += [*_hold(values), *_outcome(run["outcome"], run["held"]), *_events(run), *_robot(run), *_drives(run)]
+    lines += [*_hold(values), *_outcome(run["outcome"], run["held"]), *_events(run)]
+    if counts := run.get("robot_values"):
+        # imported here: it takes a while to load
+        from twin.robot.experiment.differences import robot_values_text
+
+        lines.append(_row("robot", robot_values_text(counts)))
+    lines += _drives(run)
     for role, text in run["parts"].items():
         lines += wrap_text(text.removeprefix(f"{role}: "), f"  {role:10} ")
     lines += [_row("substitute", f"{name}: {kind}") for name, kind in run["substituted"].items()]
@@ -121,14 +127,6 @@ def _events(run: Mapping[str, Any]) -> Iterator[str]:
         yield from wrap_text(f"{t:8.3f} s  {text}", later=12)
     if len(events) > MAX_EVENTS:
         yield f"{'':8}    and {len(events) - MAX_EVENTS} more events, in the recording"
-
-
-def _robot(run: Mapping[str, Any]) -> Iterator[str]:
-    if counts := run.get("robot_values"):
-        # imported here: it takes a while to load
-        from twin.robot.experiment.differences import robot_values_text
-
-        yield _row("robot", robot_values_text(counts))
 
 
 def _drives(run: Mapping[str, Any]) -> Iterator[str]:

@@ -106,10 +106,11 @@ def drive_copy(
 
     from twin.kernel.atomic_write import make_folder
     from twin.kernel.errors import InputRefused, NotWritten, nearest, translate_disk_errors
+    from twin.robot.experiment.drive_files import drive_names
     from twin.robot.paths import locate_file
 
     shelf = locate_file("fmus", Path.cwd())
-    known = sorted({path.parent.name for path in (*shelf.glob("*/*.fmu"), *shelf.glob("*/mapping.toml"))})
+    known = drive_names(shelf)
     if name not in known:
         raise InputRefused(f"{name}: no such drive in {shelf}; {nearest(name, known)}")
     if os.path.lexists(folder):

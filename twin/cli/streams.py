@@ -49,7 +49,6 @@ class Outlet(_Stream):
             return self._stream.write(text)
 
     def flush(self) -> None:
-        """Flush standard output; raises as `write` does."""
         with _writing_output():
             self._stream.flush()
 
@@ -69,9 +68,7 @@ class BestEffortStderr(_Stream):
 
 @contextlib.contextmanager
 def standard_streams() -> Iterator[None]:
-    """Open all standard streams during the block; closed ones become null, so that no other file gets their
-    descriptors.
-    """
+    """Open all standard streams in the block; closed ones become null, so that no other file gets their descriptors."""
     for number in (0, 1, 2):
         try:
             os.fstat(number)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,13 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 from twin.kernel.errors import InputRefused
 from twin.studies.command import Argument, BodyName, Option, Say, study
 from twin.studies.precheck import print_latest
-from twin.studies.result import Column, Note, Result, Table, note
+from twin.studies.result import Block, Column, Note, Result, Table, note
 
 if TYPE_CHECKING:
     import numpy as np
 
     from twin.robot.run.handover import BranchPoint
     from twin.robot.run.run import Run
+
+    Force = tuple[np.ndarray, np.ndarray]
+    """Times (s) and true pressing force (N) of a run, (n,) each."""
 
 RESULTS_FOLDER = Path("results") / "branches"
 PICTURE_FILE = "branches.png"
@@ -34,34 +37,6 @@ class Branch:
     settings: Sequence[str] = ()
     faults: Sequence[str] = ()
     body: str | None = None
-
-
-@dataclass(frozen=True)
-class BranchOutcome:
-    """Outcome of one continuation of a run.
-
-    Attributes:
-        run: run of the branch, from its start on.
-        t, F_z: times (s) and true pressing force (N), (n,).
-        departure: time (s) of the first difference of the force from the run's; None if it never differs.
-    """
-
-    branch: Branch
-    run: "Run"
-    t: "np.ndarray"
-    F_z: "np.ndarray"
-    departure: float | None
-
-    JSON_KEYS = (
-        "branch=branch.name recording=run.recording leaves_at=departure peak=peak.0 peak_time=peak.1 "
-        "end=run.outcome.end trip=run.trip"
-    )
-
-    @property
-    def peak(self) -> tuple[float, float]:
-        """Largest pressing force (N) of the branch, and its time (s)."""
-        k = int(self.F_z.argmax())
-        return float(self.F_z[k]), float(self.t[k])
 
 
 @study(draws=True, isolated=True, before=[print_latest])
@@ -119,38 +94,60 @@ def branch(
     home = make_folder((out or RESULTS_FOLDER / base.name).absolute())
     say("restoring the branch point", 0.0)
     point = BranchPoint(base, recording, start)
-    outcomes: list[BranchOutcome] = []
-    plan = [(Branch("as it was"), base)]
+    plan = [("as it was", base)]
     for one, experiment in zip(asked, experiments, strict=True):
         broken = experiment.faults[-1] if one.faults else None
         named = f"{broken.kind} of {broken.target} at {broken.onset * tick:g} s" if broken else one.name
-        plan.append((replace(one, name=named), experiment))
-    for number, (one, experiment) in enumerate(plan):
-        say(f"{one.name}, {number + 1} of {len(plan)}", number / len(plan))
+        plan.append((named, experiment))
+    runs: list[Run] = []
+    forces: list[Force] = []
+    for number, (name, experiment) in enumerate(plan):
+        say(f"{name}, {number + 1} of {len(plan)}", number / len(plan))
         with point.hand_over(experiment) as state:
-            done = execute(experiment, home / f"{number}", state=state)
-        outcomes.append(_outcome(one, done, outcomes[0] if outcomes else None))
+            runs.append(execute(experiment, home / f"{number}", state=state))
+        forces.append(_read_force(runs[-1].recording))
     say("drawing", 1.0)
-    _draw(outcomes, recording, start * tick, home / PICTURE_FILE)
-    return _result(base.name, run, outcomes, start * tick, point, home)
+    names, before = [name for name, _ in plan], _read_force(recording, salvage=True)
+    _draw(names, forces, before, start * tick, home / PICTURE_FILE)
+    rows = [_row(name, done, force, forces[0]) for name, done, force in zip(names, runs, forces, strict=True)]
+    return _result(base.name, run, runs, rows, start * tick, point, home)
 
 
-def _outcome(one: Branch, run: "Run", other: BranchOutcome | None) -> BranchOutcome:
-    import numpy as np
-
+def _read_force(recording: Path, salvage: bool = False) -> "Force":
     from twin.kernel.recording.reader import read
 
-    found = read(run.recording)
-    t, F_z = found.time("plant"), -found["plant.F_ee_B"][:, 2]
-    left = np.flatnonzero(np.abs(F_z - other.F_z[: len(F_z)]) > MIN_DIFFERENCE) if other else np.zeros(0, dtype=int)
-    return BranchOutcome(one, run, t, F_z, float(t[left[0]]) if len(left) else None)
+    found = read(recording, salvage=salvage)
+    return found.time("plant"), -found["plant.F_ee_B"][:, 2]
+
+
+def _row(name: str, run: "Run", force: "Force", own: "Force") -> dict[str, Any]:
+    """Return the JSON values of a branch; it leaves the run where its force first differs from the run's `own`."""
+    import numpy as np
+
+    t, F_z = force
+    left, k = np.flatnonzero(np.abs(F_z - own[1][: len(F_z)]) > MIN_DIFFERENCE), int(F_z.argmax())
+    return {
+        "branch": name,
+        "recording": str(run.recording),
+        "leaves_at": float(t[left[0]]) if len(left) else None,
+        "peak": float(F_z[k]),
+        "peak_time": float(t[k]),
+        "end": run.outcome.end,
+        "trip": run.trip,
+    }
 
 
 def _result(
-    name: str, run: Path, outcomes: Sequence[BranchOutcome], at: float, point: "BranchPoint", home: Path
+    name: str,
+    run: Path,
+    runs: Sequence["Run"],
+    rows: Sequence[dict[str, Any]],
+    at: float,
+    point: "BranchPoint",
+    home: Path,
 ) -> Result:
+    from twin.kernel.process.job import relative_path
     from twin.kernel.recording.reader import read
-    from twin.kernel.serialise import to_dict
     from twin.robot.assembly.declared import DECLARED_TABLES
     from twin.robot.experiment.recorded import recorded_values
     from twin.studies.metrics.standing import compare_single_runs
@@ -163,68 +160,43 @@ def _result(
         Column("end", form=".2f", unit="N", gap=3),
         Column(gap=3, left=True, folds=True),
     ]
-    rows = [
-        (
-            str(number),
-            one.departure if one.departure is not None else math.nan,
-            *one.peak,
-            one.run.outcome.end,
-            one.run.trip,
-        )
-        for number, one in enumerate(outcomes)
-    ]
-    named = [note(str(number), one.branch.name) for number, one in enumerate(outcomes)]
-    count = len(outcomes) - 1
+    cells = []
+    for number, row in enumerate(rows):
+        leaves = math.nan if row["leaves_at"] is None else row["leaves_at"]
+        cells.append((str(number), leaves, row["peak"], row["peak_time"], row["end"], row["trip"]))
+    named = [note(str(number), row["branch"]) for number, row in enumerate(rows)]
+    count = len(rows) - 1
     headline = f"{name}  {count} {'branch' if count == 1 else 'branches'} at {at:g} s, {point.how}"
-    folders = " ".join(str(_reported_path(home / str(number))) for number in range(len(outcomes)))
+    folders = " ".join(str(relative_path(home / str(number))) for number in range(len(rows)))
     after = note(
         "leaves",
         f"when the true force differs from the run's by more than {MIN_DIFFERENCE:g} N; end: mean of the last second",
     )
     lacking = [note("state", f"run again for each branch: {'; '.join(point.lacking)}")] if point.lacking else []
-    first = outcomes[0]
-
-    def experiment_of(one: BranchOutcome) -> dict[str, Any]:
-        return recorded_values(DECLARED_TABLES, read(one.run.recording).metadata, one.run.recording)
-
+    measures = [one.outcome.measures for one in runs]
+    values = [recorded_values(DECLARED_TABLES, read(one.recording).metadata, one.recording) for one in runs]
     compared = [
-        compare_single_runs(
-            (str(number), "0"),
-            (one.run.outcome.measures, first.run.outcome.measures),
-            (experiment_of(one), experiment_of(first)),
-        )
-        for number, one in enumerate(outcomes[1:], start=1)
+        compare_single_runs((str(number), "0"), (measures[number], measures[0]), (values[number], values[0]))
+        for number in range(1, len(runs))
     ]
-    facts = {"at": at, "verdict": compared, "state": point.how, "branches": to_dict(outcomes)}
-    files = {"picture": _reported_path(home / PICTURE_FILE), "next": f"twin report {run} {folders}"}
-    return Result(
-        headline,
-        [Table(columns, rows), *named, *(Note(text, later=2) for text in compared), *lacking, after],
-        facts,
-        files,
-    )
+    facts = {"at": at, "verdict": compared, "state": point.how, "branches": rows}
+    files = {"picture": relative_path(home / PICTURE_FILE), "next": f"twin report {run} {folders}"}
+    body: list[Block] = [Table(columns, cells), *named, *(Note(text, later=2) for text in compared), *lacking, after]
+    return Result(headline, body, facts, files)
 
 
-def _reported_path(path: Path) -> Path:
-    from twin.kernel.process.job import relative_path
-
-    return relative_path(path)
-
-
-def _draw(outcomes: Sequence[BranchOutcome], recording: Path, at: float, path: Path) -> None:
+def _draw(names: Sequence[str], forces: Sequence["Force"], past: "Force", at: float, path: Path) -> None:
     """Draw the true force of all branches of a run to `path`, with their shared past once."""
-    from twin.kernel.recording.reader import read
     from twin.studies.figure import BLUE, GREEN, INK, ORANGE, PINK, SKY, VERMILION, picture
 
-    past = read(recording, salvage=True)
-    t, F_z = past.time("plant"), -past["plant.F_ee_B"][:, 2]
+    t, F_z = past
     with picture(path, 9.0, 4.2, f"True pressing force, branches at {at:g} s") as figure:
         axes = figure.subplots()
         before = (t >= at - PAST_DURATION) & (t <= at)
         axes.plot(t[before], F_z[before], color=INK, lw=1.6)
         colors = cycle((INK, BLUE, VERMILION, GREEN, ORANGE, PINK, SKY))
-        for number, (one, color) in enumerate(zip(outcomes, colors, strict=False)):
-            axes.plot(one.t, one.F_z, color=color, lw=1.2 if number else 1.6, label=f"{number}  {one.branch.name}"[:70])
+        for number, (name, force, color) in enumerate(zip(names, forces, colors, strict=False)):
+            axes.plot(*force, color=color, lw=1.2 if number else 1.6, label=f"{number}  {name}"[:70])
         axes.axvline(at, color=INK, lw=0.8, ls=":")
         axes.set_xlabel("t (s)")
         axes.set_ylabel("F_z (N)")

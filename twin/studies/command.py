@@ -39,7 +39,6 @@ class Option:
 
     Attributes:
         flags: additional names: "--overshoot-percent", "-j --processes", "--try/--no-try".
-        least, most: bounds of a number.
         complete: source of shell completions: "experiment", "experiment name", "drive", "body", "setting" or "role".
     """
 
@@ -93,7 +92,6 @@ class Study:
         return function
 
     def shared_options(self) -> list[str]:
-        """Return the names of the options common to many commands that this study has."""
         process = [*(["isolate"] if self.isolated else []), *(["limit_step", "limit_wall"] if self.limited else [])]
         page = ["report"] if self.reported else []
         return [*(["formats", "columns"] if self.draws else []), *(["as_json"] if self.json else []), *page, *process]
@@ -142,13 +140,10 @@ class StudyInterrupt(TwinError):
 
 
 JobIsolation = Literal["run", "none"]
-"""Scope of the separate process."""
 JOB_ISOLATION: JobIsolation = "run" if os.name == "posix" else "none"
 """Default of `--isolate`: a guarded process on POSIX, else none."""
 Isolation = Literal["run", "drive", "none"]
 """Scope of the separate process of a run; drives can have processes of their own."""
-
-
 PictureFormat = Literal["svg", "pdf"]
 
 Isolate = Annotated[
@@ -224,9 +219,7 @@ def run_isolated(
         formats, columns: file formats and width of pictures for a paper, in addition to the screen pictures.
 
     Raises:
-        ComponentFailed: an FMU crashed, hung or ended the process. Nothing is recorded here, so it does not matter
-            whether stepping had begun.
-        TwinError: the study raised it.
+        ComponentFailed: an FMU crashed, hung or ended the process.
     """
 
     def hear(note: dict[str, Any]) -> None:
@@ -246,13 +239,9 @@ def run_isolated(
 
 
 def answer_recording(reporter: "Reporter", name: str, asked: ArgumentValues) -> dict[str, Any]:
-    """Run a study that records a run, in a guarded process, and return the fields of its `Answer`.
+    """Call the study `name` ("module:function") with `reporter` in a guarded process; return its `Answer`'s fields.
 
-    Notes, in addition to the study's own: {"experiment": name, "folder": folder of the run, "duration" (s)} before the
-    run.
-
-    Args:
-        name: "module:function"; the function is called with the arguments in `asked` and `reporter`.
+    Notes before the run, in addition to the study's: {"experiment": name, "folder": of the run, "duration" (s)}.
     """
     return vars(answer_of(load_function(name)(**asked, reporter=reporter)))
 
@@ -291,13 +280,7 @@ class Steps:
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer of a study to its command: text, data for programs, exit code.
-
-    Attributes:
-        text: output for users, at most 80 columns wide.
-        facts: output for programs, convertible to JSON.
-        exit_code: exit code of the command: 0, or 1 and more if a judged result failed.
-    """
+    """The answer of a study: text of at most 80 columns, facts for JSON, exit code (1 and more: a result failed)."""
 
     text: str
     facts: Any
@@ -322,8 +305,7 @@ def answer_study(
     Notes: {"say": current activity, "share": completed share or None}.
 
     Args:
-        study: "module:function"; the function is called with the arguments in `asked` and `say`, its progress callback,
-            and returns a `Result` or an `Answer`.
+        study: "module:function"; the function is called with the arguments in `asked` and `say`.
         formats, columns: file formats and width of pictures for a paper, see `for_paper`.
     """
 

@@ -1,8 +1,4 @@
-"""The result of a study and its layout: text of the terminal's width, JSON.
-
-A study computes and returns a `Result` of tables and notes; this module aligns columns, formats numbers and folds
-sentences.
-"""
+"""The result of a study, tables and notes, and its layout: text of the terminal's width, JSON."""
 
 import os
 import textwrap
@@ -19,7 +15,6 @@ MIN_TERMINAL_WIDTH, MAX_TERMINAL_WIDTH = 40, 120
 WIDTH_VARIABLE = "TWIN_TEXT_WIDTH"
 """Environment variable with the width of the terminal; worker processes, which have no terminal, inherit it."""
 NO_BREAK_SPACE = "\xa0"
-"""Separator of words that must stay on one line."""
 
 
 def text_width() -> int:
@@ -32,7 +27,6 @@ def wrap_text(text: str, head: str = "", later: int | None = None, whole: bool =
     """Wrap `text` after `head` into lines of at most `text_width` columns.
 
     Args:
-        text: a single line.
         head: beginning of the first line.
         later: indent of later lines (columns); None to align with the text of the first line.
         whole: whether names of files, signals and options stay whole: no break at hyphens or inside long words.
@@ -104,13 +98,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Note:
-    """A sentence of a report that is wrapped into lines.
-
-    Attributes:
-        head: beginning of the first line.
-        later: indent of later lines (columns); None to align with the text of the first line.
-        whole: whether names of files, signals and options stay whole.
-    """
+    """A sentence of a report that is wrapped into lines; the fields are the arguments of `wrap_text`."""
 
     text: str
     head: str = ""

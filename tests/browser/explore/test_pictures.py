@@ -10,7 +10,7 @@ from tests.browser.explore.explorer import GAIN, SPRING, Explorer, Opened, wait_
 from tests.laws.runs import shipped
 from twin.report.explore.figures import fig4_runs
 from twin.report.explore.page_state import PageBase, parse_state
-from twin.studies.faults.onsets import healthy_run, onsets_of
+from twin.studies.faults.onsets import default_onsets, healthy_run
 from twin.studies.paper.claim import tally
 from twin.studies.paper.fig4 import fig4_score
 
@@ -48,7 +48,7 @@ def test_a_fault_is_placed_on_the_time_axis_moved_and_repaired(context: BrowserC
         page.click("#faults button")
         # it begins where twin faults lets it begin in contact
         experiment = shipped("pressing")
-        _, contact = onsets_of(experiment, healthy_run(experiment))
+        contact = default_onsets(healthy_run(experiment))[1] * experiment.cosim.tick
         expect(page.get_by_label("at (s)").last).to_have_value(f"{contact:g}", timeout=20_000)
         page.get_by_label("at (s)").last.fill("6")
         page.get_by_label("at (s)").last.press("Enter")

@@ -21,7 +21,7 @@ from twin.robot.run.trace import run_in_memory
 from twin.studies.analyse.linearised import Linearisation
 from twin.studies.analyse.operating_point import operating_points
 from twin.studies.analyse.stability import judge_point
-from twin.studies.faults.onsets import healthy_run, onsets_of
+from twin.studies.faults.onsets import default_onsets, healthy_run
 from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, fig4_score
 from twin.studies.paper.fig4_measures import Fig4Run, Fig4Runs
 from twin.studies.paper.fig5 import fig5_score
@@ -100,7 +100,7 @@ def test_a_run_without_a_monitor_says_so_where_its_reaction_would_stand():
 @pytest.mark.parametrize("faults", [[], [{"kind": "power_off", "target": "power", "onset_s": 0.5}]])
 def test_a_fault_begins_where_twin_faults_lets_it_begin_in_contact(faults: list[dict[str, Any]]):
     experiment = shipped("pressing")
-    onset = onsets_of(experiment, healthy_run(experiment))[1]
+    onset = default_onsets(healthy_run(experiment))[1] * experiment.cosim.tick
     trace = run_in_memory(experiment)
     assert answer("onset", {"faults": faults}, {"experiment": "pressing"}) == {"onset": onset}
     assert -trace["plant.F_ee_B"][round(onset / trace.tick), 2] > 5.0

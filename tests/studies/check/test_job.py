@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import TypeAdapter
 
 from tests.studies.check.files import step_file
 from twin import check
@@ -21,7 +22,7 @@ def outcomes(folder: Path, *files: Path, reason: str = "") -> list[CheckOutcome]
     notes: list[dict[str, Any]] = []
     work = [Pair(str(file), DRIVE, str(folder)) for file in files]
     check_pairs(DirectReporter(notes.append), work, "2026-01-02", reason)
-    found = [CheckOutcome.from_note(note) for note in notes]
+    found = [TypeAdapter(CheckOutcome).validate_python(note) for note in notes]
     for outcome in found:
         if outcome.text:
             write_baseline(baseline_file(folder, Path(outcome.pair.file).stem, DRIVE), outcome.text)

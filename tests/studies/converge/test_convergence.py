@@ -18,7 +18,6 @@ from twin.robot.experiment.experiment import Experiment, shorten, with_exact_enc
 from twin.robot.run.trace import run_in_memory
 from twin.studies.converge.convergence import (
     OrderFinding,
-    SmoothExperiment,
     comparable_experiment,
     observed_order,
     without_friction,
@@ -34,7 +33,7 @@ DURATION = 2.0
 @pytest.fixture(scope="module")
 def descent() -> Experiment:
     """Through the air, with nothing that snaps to a tick but the controller's own commands."""
-    return shorten(without_friction(SmoothExperiment(with_exact_encoders(shipped(FORCE)), ())).experiment, DURATION)
+    return shorten(without_friction(with_exact_encoders(shipped(FORCE))), DURATION)
 
 
 def created(experiment: Experiment, tick: float, scheme: str, inputs: str, iterations: int = 1) -> float:
@@ -160,9 +159,9 @@ def test_a_drive_behind_a_gear_is_not_taken_for_ours():
 
 
 def test_the_force_loop_of_a_comparable_run_starts_when_it_did():
-    smooth = comparable_experiment(shorten(shipped(FORCE), 6.0))
-    assert smooth.changes == ("encoders exact", "force loop on at 5.606 s, not by force")
-    assert smooth.experiment.controller.force.trigger_time == 5.606
+    smooth, changes = comparable_experiment(shorten(shipped(FORCE), 6.0))
+    assert changes == ("encoders exact", "force loop on at 5.606 s, not by force")
+    assert smooth.controller.force.trigger_time == 5.606
 
 
 @pytest.mark.parametrize(("name", "says"), [("pressing", "change phase at the measured force"), (FORCE, "has faults")])

@@ -17,6 +17,7 @@ from twin.robot.experiment.fault import FAULT_KINDS
 from twin.studies.falsify.judge import judge_run
 from twin.studies.falsify.space import Space, TriedFault
 from twin.studies.faults.magnitudes import UPPER_ENDS
+from twin.studies.faults.offsets import on_disc
 
 PRESSING = EXPERIMENTS / "pressing.toml"
 TICK = 0.001
@@ -87,10 +88,10 @@ def test_the_other_way_is_the_other_sign_or_the_inverse_of_a_factor():
 @given(st.floats(0.0, 1.0), st.floats(0.0, 0.999))
 def test_a_place_of_the_disc_is_as_far_out_as_its_share_of_the_area(outward: float, around: float):
     where = replace(space(), reach=0.03)
-    x, y = where.offset(outward, around)
+    x, y = on_disc(where.reach, outward, around)
     # a tenth of a millimetre
     assert math.hypot(x, y) ** 2 == pytest.approx(outward * where.reach**2, abs=2 * 1e-4 * where.reach)
-    assert where.offset(*where.polar((x, y))) == pytest.approx((x, y), abs=1.5e-4)
+    assert on_disc(where.reach, *where.polar((x, y))) == pytest.approx((x, y), abs=1.5e-4)
 
 
 def test_an_offset_moves_every_task_and_the_signs_of_a_set_are_those_of_its_faults(tmp_path: Path):

@@ -7,6 +7,7 @@ from functools import cache
 import pytest
 
 from tests.laws.runs import EXPERIMENTS
+from twin.kernel.serialise import to_dict
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.together import fault_values
@@ -103,7 +104,7 @@ def test_a_second_fault_begins_after_the_trip_of_the_first():
         row = combination_row(stage, one, 6.0)
     assert row.watched.seen is not None
     assert row.faults.tables[1]["onset_s"] == pytest.approx(6.0 + row.watched.seen + 0.5)
-    assert row.to_dict()["after_trip_s"] == 0.5
+    assert to_dict(row)["after_trip_s"] == 0.5
 
 
 @pytest.mark.parametrize(("delay", "keeps"), [(0.0, False), (0.1, False), (0.2, True), (0.3, True)])

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS
+from twin.kernel.serialise import to_dict
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import FAULT_KINDS, Fault
 from twin.robot.experiment.together import fault_values
+from twin.studies.faults import SetOfFaults
 from twin.studies.faults.cases import faults_of
 from twin.studies.faults.reaction import Reaction
 from twin.studies.faults.stage import Stage, load_stage
@@ -20,7 +22,6 @@ from twin.studies.faults.text import combination_result
 from twin.studies.faults.together import (
     CombinationRow,
     FaultCombination,
-    FaultSet,
     combination_row,
     common_causes,
     pairs,
@@ -200,10 +201,10 @@ def test_pairs_begin_together_in_every_direction_and_are_judged_by_the_bound_of_
     both = list(pairs(onset, ("encoder_drift", "belt_slip")))
     assert len(both) == 4 and {table["onset_s"] for pair in both for table in pair.tables} == {onset}
     row = row_of(there, "drive_runaway", "sample_loss")
-    assert row.faults.kind is FaultSet.PAIRS and not row.expects_detection
+    assert row.faults.kind is SetOfFaults.PAIRS and not row.expects_detection
     assert row.verdict == "kept" and not row.fails
     far = replace(row, watched=replace(row.watched, peak=1.01 * row.force_bound))
-    assert far.verdict == "beyond" and far.fails and far.to_dict()["verdict"] == "beyond"
+    assert far.verdict == "beyond" and far.fails and to_dict(far)["verdict"] == "beyond"
 
 
 def test_with_the_monitor_off_a_pair_fails():
@@ -220,7 +221,7 @@ def test_rows_of_runs_that_share_their_past_are_those_of_runs_from_the_start(kin
 
     def facts(share: bool) -> list[dict[str, Any]]:
         with Stage(there.experiment, share=share) as runs:
-            return [combination_row(runs, one, onset).to_dict() for one in few]
+            return [to_dict(combination_row(runs, one, onset)) for one in few]
 
     assert len(few) == 3 and facts(True) == facts(False)
 
@@ -241,12 +242,12 @@ def test_drives_that_keep_turning_away_slowly_after_the_retraction_lose_their_po
 
 def test_the_table_prints_the_limit_of_each_row_and_how_many_were_detected():
     row = row_of(stage("back"), "surface_jump", "drive_runaway")
-    text = combination_result("pressing", [row], [FaultSet.PAIRS]).text
+    text = combination_result("pressing", [row], [SetOfFaults.PAIRS]).text
     assert text.startswith("pressing  as stated: 1 of 1 case of pairs below their limits.")
     assert f"{int(row.is_detected)} of 1 detected" in " ".join(text.split())
     assert text.splitlines()[-1].endswith(f"{row.force_bound:.1f}")
     many = [replace(row, faults=row.faults._replace(name=f"pair {n}")) for n in range(7)]
-    listed = [combination_result("pressing", many, [FaultSet.PAIRS], complete).text for complete in (False, True)]
+    listed = [combination_result("pressing", many, [SetOfFaults.PAIRS], complete).text for complete in (False, True)]
     assert [text.count("  pair ") for text in listed] == [5, 7]
     above = replace(row, watched=replace(row.watched, peak=2.0 * row.force_bound))
-    assert combination_result("pressing", [above], [FaultSet.PAIRS]).text.startswith("pressing  FAILED: 0 of 1")
+    assert combination_result("pressing", [above], [SetOfFaults.PAIRS]).text.startswith("pressing  FAILED: 0 of 1")

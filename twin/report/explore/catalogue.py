@@ -89,7 +89,9 @@ def _all_sliders(experiment: Experiment) -> Iterator[Slider]:
         if name in HIDDEN_TABLES or (name == "contact" and "contact" not in values):
             continue
         for path, table in nested_tables(model, name).items():
-            if _takes_single_keys(table, value_at(values, path)):
+            # a missing table can be set key by key only if it requires none
+            required = any(info.is_required() for info in table.model_fields.values())
+            if isinstance(value_at(values, path), Mapping) or not required:
                 yield from _table_sliders(path, table, values)
     for number, task in enumerate(values.get("task", ()), start=1):
         yield from _table_sliders(f"task.{number}", DECLARED_TABLES.tasks[task["kind"]], {"task": {str(number): task}})
@@ -102,11 +104,6 @@ def _all_sliders(experiment: Experiment) -> Iterator[Slider]:
             low, high, log = _ends(float(value), {"ge": 0.0} if value >= 0.0 else {}, "")
             help_ = f"{name}: a parameter of the drive's FMU, in its own unit"
             yield Slider(key, "", help_, "number", own.get(name, value), None, low, high, log, (), None)
-
-
-def _takes_single_keys(table: type[Settings], head: Any) -> bool:
-    """Whether a single key of the experiment's table can be set: the table exists, or requires no key."""
-    return isinstance(head, Mapping) or not any(info.is_required() for info in table.model_fields.values())
 
 
 def _table_sliders(path: str, table: type[Settings], values: Mapping[str, Any]) -> Iterator[Slider]:

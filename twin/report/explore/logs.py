@@ -28,10 +28,8 @@ from twin.studies.replay.samples import robot_samples
 
 LOG_SUFFIXES = (".csv", ".mcap", ".db3", ".db3.zstd", ".mcap.zstd")
 MAX_DEPTH = 4
-"""Maximum folder depth of the search for logs."""
 MAX_LOGS = 100
 MAX_ENTRIES = 20_000
-"""Maximum number of files and folders searched."""
 ENCODER_SERIES = {"encoder": ("count_m", "count_l"), "estimator": ("theta_m", "theta_l")}
 """Series of encoders; position and force are computed from them."""
 MAX_SHIFT = 1e6
@@ -65,14 +63,6 @@ def _entries(folder: Path, depth: int) -> Iterator[Path]:
         yield entry
         if depth > 1 and entry.is_dir() and not is_bag(entry):
             yield from _entries(entry, depth - 1)
-
-
-def _log_path(name: Any) -> Path:
-    if not isinstance(name, str) or name not in known_logs():
-        raise InputRefused(
-            f"log {str(name)[:80]!r}: no such log below the current folder; {nearest(str(name)[:80], known_logs())}"
-        )
-    return Path(name)
 
 
 def _view_of(log: Log, experiment: Experiment, shift: float) -> LogView:
@@ -114,9 +104,12 @@ def _estimates(log: Log, experiment: Experiment) -> dict[str, LogSeries]:
 
 def log_run(ask: Mapping[str, Any], experiment: Experiment) -> tuple[PanelRun, str]:
     """Read the log that `ask` names ("log", "shift_s"; untrusted) and a column map next to it; return it and notes."""
-    path, shift = _log_path(ask.get("log")), ask.get("shift_s") or 0.0
+    name, known, shift = str(ask.get("log")), known_logs(), ask.get("shift_s") or 0.0
+    if name not in known:
+        raise InputRefused(f"log {name[:80]!r}: no such log below the current folder; {nearest(name[:80], known)}")
     if not isinstance(shift, int | float) or isinstance(shift, bool) or not abs(shift) < MAX_SHIFT:
         raise InputRefused("shift_s: expected a time in s")
+    path = Path(name)
     beside = path.with_suffix(".map.toml")
     mapped = beside.is_file()
     try:

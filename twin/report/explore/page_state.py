@@ -19,11 +19,11 @@ from twin.kernel.errors import InputRefused, nearest
 from twin.report.explore.catalogue import PACE_KEY, Slider, check_value, sliders
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.command_words import run_command, run_words
-from twin.robot.experiment.drive_files import locate_drive
+from twin.robot.experiment.drive_files import drive_names, locate_drive
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.experiment_files import BODY_FOLDERS, experiment_file
 from twin.robot.experiment.fault import FAULT_KINDS, GLITCH_SHARE
-from twin.robot.experiment.source import Source, apply_overrides, key_names, toml_value, value_at
+from twin.robot.experiment.source import Source, apply_overrides, key_names, merge_tables, toml_value, value_at
 from twin.robot.paths import locate_file
 
 MAX_FAULTS = 8
@@ -46,10 +46,8 @@ class PageBase:
     @property
     def drives(self) -> dict[str, str]:
         """Available drives: name -> value of `--drive`."""
-        shelf = locate_file("fmus", Path.cwd())
-        known = {path.parent.name for path in (*shelf.glob("*/*.fmu"), *shelf.glob("*/mapping.toml"))}
         given = {self.drive: self.drive} if self.drive else {}
-        return given | {name: name for name in sorted(known)}
+        return given | {name: name for name in drive_names(locate_file("fmus", Path.cwd()))}
 
     @property
     def bodies(self) -> dict[str, str]:
@@ -110,7 +108,6 @@ def base_experiment(base: PageBase, drive: str | None, body: str | None) -> Expe
 
 @lru_cache(16)
 def known_sliders(base: PageBase, drive: str | None, body: str | None) -> dict[str, Slider]:
-    """Return the explorer's sliders for the experiment with a drive and a body."""
     return sliders(base_experiment(base, drive, body))
 
 
@@ -245,22 +242,7 @@ def extension_text(state: PageState, path: Path) -> str:
     for text in state.settings:
         node = Source()
         apply_overrides(node, [text])
-        _merge(tables, node.values)
+        tables = merge_tables(tables, node.values)
     for key, value in tables.items():
-        document.add(key, tomlkit.item(_tuples_to_lists(value)))
+        document.add(key, tomlkit.item(value))
     return tomlkit.dumps(document)
-
-
-def _merge(into: dict[str, Any], tables: Mapping[str, Any]) -> None:
-    for key, value in tables.items():
-        if isinstance(value, Mapping) and isinstance(into.get(key), dict):
-            _merge(into[key], value)
-        else:
-            into[key] = dict(value) if isinstance(value, Mapping) else value
-
-
-def _tuples_to_lists(value: Any) -> Any:
-    """Convert tuples in an experiment's values to lists, which TOML can write."""
-    if isinstance(value, Mapping):
-        return {key: _tuples_to_lists(item) for key, item in value.items()}
-    return [_tuples_to_lists(item) for item in value] if isinstance(value, tuple | list) else value

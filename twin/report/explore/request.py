@@ -10,7 +10,6 @@ from typing import Any
 from twin.kernel.errors import InputRefused
 
 Check = Callable[[Any], bool]
-"""Predicate that checks the JSON value of a field."""
 MAX_TEXT_LENGTH, MAX_ITEMS = 2**17, 1000
 MAX_INTEGER = 2**53
 """Largest integer that a page's numbers represent exactly."""

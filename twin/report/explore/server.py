@@ -48,11 +48,9 @@ MAX_WAITING = 64
 ROBOT_INTERVAL = 0.2
 """Interval (s) between updates of a page with the robot's state."""
 PROCESS_COUNT = 2
-"""Number of processes that run experiments."""
 OUTDATED_TIMEOUT = 3.0
 """Maximum time (s) that an outdated request occupies a process."""
 LINK_PATH = "/link"
-"""Path of a page's WebSocket."""
 CLOSE_TIMEOUT = 1.0
 """Timeout for closing connections (s)."""
 
@@ -141,9 +139,8 @@ class AnsweringProcess:
     def answer(self, base: Mapping[str, Any], ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
         """Answer the request `ask` of a page of `PageBase` by `twin.report.explore.worker.answer_request`.
 
-        `outdated` is set when a newer answer is requested. ComponentFailed: a drive crashed, hung or ended the process;
-        names drive, place and time in one sentence. OutdatedAnswer: the answer was cancelled. TwinError: an internal
-        error.
+        `outdated` is set when a newer answer is requested. ComponentFailed: a drive crashed, hung or ended the process.
+        OutdatedAnswer: the answer was cancelled. TwinError: an internal error.
         """
         self._outdated, self._began = outdated, time.monotonic()
         try:

@@ -1,5 +1,4 @@
-"""Client of a `twin shadow --live` session: shows its robot alongside the explored experiment, and accepts its
-proposals.
+"""Client of a `twin shadow --live` session: shows its robot in the explorer, and accepts its proposals.
 
 The server, not the page, is the viewer of the session, so the page's content policy stays unchanged, and the token of
 the session reaches no browser.
@@ -51,16 +50,8 @@ MAX_EVENTS = 3
 TOKEN_REMEDY = "Start twin explore again with the whole address that twin shadow has printed."
 
 PROTOCOL_ERRORS = (
-    ValueError,
-    KeyError,
-    TypeError,
-    AttributeError,
-    IndexError,
-    RecursionError,
-    OverflowError,
-    DecodeError,
-    struct.error,
-)
+    ValueError, LookupError, TypeError, AttributeError, RecursionError, OverflowError, DecodeError, struct.error,
+)  # fmt: skip
 """Exceptions caused by a message that does not follow twin's protocol."""
 
 
@@ -134,7 +125,6 @@ class LiveSession:
         self._watches = "" if self._token else f"Watching only: --follow has no token. {TOKEN_REMEDY}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the state of the observed session, JSON-serialisable."""
         silent = "" if EVENTS_TOPIC not in self._types or ALARM_TOPIC in self._types else (
             "No alarms, and so no proposals: twin shadow runs without an alarm; its output states the reason."
         )  # fmt: skip

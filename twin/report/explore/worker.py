@@ -63,7 +63,8 @@ MAX_TICKS = 400_000
 Layout = Literal["", "fig4"]
 """Figure of the paper that replaces the panels: Fig. 4 in the paper's layout; "" without one."""
 MAX_RUNS = 100
-NO_MONITOR = "no monitor here"
+NO_RUN_FACTS = {"title": "", "trip": "", "numbers": [], "events": [], "values": {}, "command": ""}
+"""Fields of an answer with a run that was not simulated here."""
 _viewed_signals: dict[tuple[object, ...], frozenset[str]] = {}
 """Form of a view request -> signals that its last run needed; the next run with this form keeps only these."""
 
@@ -145,7 +146,7 @@ def _run_state(state: PageState, experiment: Experiment, look: "ViewRequest", on
     numbers = tiles(own.tally.outcome, own.tally.held_forces)
     if experiment.faults:
         onset, trip = min(fault.onset for fault in experiment.faults), monitor.trip if monitor else None
-        delay, none = (trip.tick - onset) * tick if trip else None, "it does not trip" if monitor else NO_MONITOR
+        delay, none = (trip.tick - onset) * tick if trip else None, "it does not trip" if monitor else "no monitor here"
         if not monitor and watched:
             none = "a third-party monitor reports no time"
         numbers.append(Tile("monitor trips after the fault", "s", delay, "" if trip else none, 3))
@@ -194,7 +195,6 @@ class ViewRequest(NamedTuple):
 
     @classmethod
     def from_request(cls, ask: Mapping[str, Any]) -> "ViewRequest":
-        """Parse the requested view from a page's checked request."""
         titles, span, width = ask.get("panels") or [], ask.get("span"), ask.get("width") or 0
         if span is not None and (len(span) != 2 or not 0.0 <= span[0] < span[1]):
             raise InputRefused("span: expected two times in s, the earlier one first")
@@ -230,8 +230,7 @@ def _show_recording(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
     if name not in [str(folder) for folder in _folders()]:
         raise InputRefused(f"run {str(name)[:80]!r}: no such run in results/")
     (run,) = report_runs([recording_in(Path(str(name)))])
-    return {"title": run.title, "trip": "", "numbers": [], "events": [], "values": {}, "command": "",
-            **ViewRequest.from_request(ask).picture(run, run.end)}  # fmt: skip
+    return NO_RUN_FACTS | {"title": run.title, **ViewRequest.from_request(ask).picture(run, run.end)}
 
 
 def _log(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
@@ -244,8 +243,7 @@ def _log(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
             "count_l[0..2], or scale.F_z, in NAME.map.toml next to it (twin log new LOG writes one), or show other "
             "plots"
         )
-    return {"title": ask["log"], "trip": "", "numbers": [], "events": [], "values": {}, "command": "", "note": note,
-            **found}  # fmt: skip
+    return NO_RUN_FACTS | {"title": ask["log"], "note": note, **found}
 
 
 def _folders() -> list[Path]:
@@ -269,7 +267,6 @@ def _onset(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _loops(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Analyse the control loops of a page's state at one operating point."""
     # imported here: python-control takes a second to load
     from twin.report.explore.loops import loops
 

@@ -52,7 +52,6 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], label: str) -> Mar
 
 
 def section(key: str, title: str, *children: str) -> Markup:
-    """Return an HTML section of the page with its heading."""
     heading = element("h2", title, id=f"{key}-title")
     return element("section", heading, *children, id=key, aria_labelledby=f"{key}-title")
 

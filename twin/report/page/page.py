@@ -9,7 +9,7 @@ from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import Any, NamedTuple
+from typing import Any
 
 from twin.kernel.atomic_write import make_folder, write_text
 from twin.kernel.errors import InputRefused
@@ -19,8 +19,8 @@ from twin.report.page.markup import DataBlock, Markup, dark_filter, element, joi
 from twin.report.page.panels import curves, scene
 from twin.report.page.picture import picture
 from twin.report.page.run import ReportRun, RunMeasure, key_measures, number_text, report_runs
-from twin.report.page.session_sections import SESSION_PANELS as SESSION_PANELS
 from twin.report.page.session_sections import (
+    SESSION_PANELS,
     alarms,
     boxes,
     gaps,
@@ -30,6 +30,7 @@ from twin.report.page.session_sections import (
     require_sessions,
     residuals,
     session_verdict,
+    time_button,
 )
 from twin.report.page.system import is_system, system_sections
 from twin.report.page.verdict import PageVerdict, RunGroup, verdict
@@ -79,13 +80,12 @@ FORCE_KEY = Markup('<span class="true">true</span> <span class="estimated">estim
 SESSION_KEY = Markup(
     '<span class="estimated">by the robot\'s counts</span>; <span class="true">plant model</span>, its force and pose'
 )
-"""Legend of the player for a session."""
+Section = tuple[str, str, Markup]
+"""Key, title and content of a section; the title is also its text in the table of contents."""
 
 
 def accuracy(budget: budgeting.Budget, label: str) -> Markup:
-    """Return the report's accuracy section of a run: causes of its force error, the twin's own error, effects left out,
-    and wrong beliefs.
-    """
+    """Return the report's accuracy section: causes of the force error, the twin's own error, effects, wrong beliefs."""
     found, why = headline(budget), budgeting.details(budget)
     together = ("all of them", budget.bias, None, budget.together, "sum of biases, root of squares")
     added = ("all of them", None, None, budget.parameters, "root of the sum of squares")
@@ -217,14 +217,13 @@ def drives(run: ReportRun) -> Markup:
 
 def timing(runs: Sequence[ReportRun]) -> Markup:
     """Return the report's table of the runs' durations, and of each component's time per tick if it was measured."""
-    rows = []
-    for text, key, unit in (
+    durations = (
         ("simulated", "simulated", "s"),
         ("stepping", "stepping", "s"),
         ("recording", "writing", "s"),
         ("times as fast as the real robot", "real_time_factor", ""),
-    ):
-        rows.append((text, *(_format_value(run.summary.get(key), unit) for run in runs)))
+    )
+    rows = [(text, *(_format_value(run.summary.get(key), unit) for run in runs)) for text, key, unit in durations]
     measured = [run.summary.get("microseconds") for run in runs]
     shares: list[dict[str, Any]] = [share if isinstance(share, dict) else {} for share in measured]
     for name in dict.fromkeys(name for share in shares for name in share):
@@ -238,19 +237,12 @@ def _format_value(value: object, unit: str) -> str:
     return number_text(value, unit) if isinstance(value, float) else "not recorded"
 
 
-class Section(NamedTuple):
-    """A section of the report; `title` is also its text in the table of contents."""
-
-    key: str
-    title: str
-    html: Markup
-
-
 def sections(
     runs: Sequence[ReportRun], verdict: PageVerdict, picture: Markup | None, budgets: Sequence[budgeting.Budget] = ()
 ) -> list[Section]:
     """Return all sections of the report after the player; `budgets` is empty or has one budget per run."""
-    budget = _accuracies(runs, budgets) if budgets else None
+    own = dict(zip([run.label for run in runs], budgets, strict=bool(budgets)))
+    budget = _of_each(runs, lambda run: accuracy(own[run.label], run.label)) if own else None
     found = [
         ("numbers", "Claims and measures", numbers(runs, verdict)),
         ("figure", "Figure", picture),
@@ -261,12 +253,7 @@ def sections(
         ("timing", "Timing", timing(runs)),
         ("provenance", "Repeat this run", _of_each(runs, provenance)),
     ]
-    return [Section(key, title, section(key, title, html)) for key, title, html in found if html is not None]
-
-
-def _accuracies(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget]) -> Markup | None:
-    own = {run.label: one for run, one in zip(runs, budgets, strict=True)}
-    return _of_each(runs, lambda run: accuracy(own[run.label], run.label))
+    return [(key, title, html) for key, title, html in found if html is not None]
 
 
 def verdict_section(runs: Sequence[ReportRun], verdict: PageVerdict, key_numbers: Markup | None = None) -> Markup:
@@ -284,15 +271,7 @@ def _boxes(runs: Sequence[ReportRun]) -> Markup:
     """Return the report's boxes with four key numbers of the true signals of each run."""
     groups = []
     for run, found in zip(runs, key_measures(runs), strict=True):
-        boxes = [
-            element(
-                "div",
-                element("strong", m.true_text),
-                element("span", m.name),
-                class_="box",
-            )
-            for m in found
-        ]
+        boxes = [element("div", element("strong", m.true_text), element("span", m.name), class_="box") for m in found]
         label = [element("span", run.label, class_="whose")] if len(runs) > 1 else []
         groups.append(element("div", *label, *boxes, class_="boxes"))
     return element("div", *groups, class_="runs")
@@ -315,12 +294,12 @@ def events(run: ReportRun) -> Markup:
     """Return the report's table of events, phases of tasks folded; a click on a time moves the player."""
     rows = {
         debug: [
-            (element("button", f"{event.time:.3f} s", type="button", class_="at", data_t=f"{event.time:.9g}"),
-             event.level, event.name, event.text)
-            for event in run.recording.events if (event.level == "debug") == debug
+            (time_button(event.time), event.level, event.name, event.text)
+            for event in run.recording.events
+            if (event.level == "debug") == debug
         ]
         for debug in (False, True)
-    }  # fmt: skip
+    }
     head = ("at", "level", "of", "what")
     parts = [table(head, rows[False], f"events of {run.label}") if rows[False] else element("p", "None.")]
     if rows[True]:
@@ -377,11 +356,9 @@ def _number(measure: RunMeasure) -> str:
 
 
 def _folded_parameters(run: ReportRun) -> Markup:
-    count = sum(1 for _ in flatten(run.values))
     robot = element("p", f"The robot has {robot_values_text(robot_values(run.values, run.origins))}.")
-    return join_markup(
-        [robot, element("details", element("summary", f"{count} values with unit and source"), parameters(run))]
-    )
+    summary = element("summary", f"{sum(1 for _ in flatten(run.values))} values with unit and source")
+    return join_markup([robot, element("details", summary, parameters(run))])
 
 
 def _of_each(runs: Sequence[ReportRun], write: Callable[[ReportRun], Markup]) -> Markup:
@@ -409,8 +386,7 @@ def write_report(
             raise InputRefused(f"{runs[0]}: records a system of FMUs, which has no force error; leave --budget out")
         headline, found = system_sections(shown)
         title = shown[0].label if len(shown) == 1 else f"{len(shown)} runs of systems"
-        links = [(key, name) for key, name, _ in found]
-        html = plain_page(title, " | ".join(run.label for run in shown), found, links)
+        html = plain_page(title, " | ".join(run.label for run in shown), found)
     elif any(is_session(run.recording) for run in shown):
         require_sessions(shown)
         if budget:
@@ -432,7 +408,7 @@ def report_page(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget] =
         data, factor = _data(runs)
         parts = sections(runs, judged, drawn(), budgets)
     title = runs[0].title if len(runs) == 1 else f"{len(runs)} runs compared"
-    return _fill_template(runs, title, verdict_section(runs, judged), parts, data, factor), judged.headline
+    return _player_page(runs, title, verdict_section(runs, judged), parts, data, factor), judged.headline
 
 
 def session_page(runs: Sequence[ReportRun]) -> tuple[str, str]:
@@ -448,13 +424,13 @@ def session_page(runs: Sequence[ReportRun]) -> tuple[str, str]:
         ("parameters", "Parameters", _folded_parameters),
         ("origin", "What was followed", origin),
     ]
-    parts = [Section(key, title, section(key, title, _of_each(runs, write))) for key, title, write in found]
+    parts = [(key, title, _of_each(runs, write)) for key, title, write in found]
     title = runs[0].title if len(runs) == 1 else f"{len(runs)} sessions"
     first = verdict_section(runs, judged, _of_each(runs, boxes))
-    return _fill_template(runs, title, first, parts, data, factor, SESSION_KEY), judged.headline
+    return _player_page(runs, title, first, parts, data, factor, SESSION_KEY), judged.headline
 
 
-def _fill_template(
+def _player_page(
     runs: Sequence[ReportRun],
     title: str,
     first: Markup,
@@ -464,22 +440,11 @@ def _fill_template(
     key: Markup = FORCE_KEY,
 ) -> str:
     """Return the HTML of a page with plots and player, `first` before these, and `parts` after these."""
-    links = [("verdict", "Verdict"), ("replay", "Replay"), *((part.key, part.title) for part in parts)]
-    return Template((PAGE_ASSETS / "page.html").read_text(encoding="utf-8")).substitute(
-        title=join_markup([title]),
-        subtitle=element("p", " | ".join(run.label for run in runs)),
-        style=(PAGE_ASSETS / "page.css").read_text(encoding="utf-8"),
-        dark=dark_filter(),
-        contents=join_markup([element("a", text, href=f"#{key}") for key, text in links]),
-        verdict=first,
-        remark=_remark(data["scenes"], factor),
-        chooser=_chooser(runs, data["scenes"]),
-        key=key,
-        sections=join_markup([part.html for part in parts]),
-        version=join_markup([version("twin")]),
-        data=_json(data),
-        script="\n".join((PAGE_ASSETS / f"{name}.js").read_text(encoding="utf-8") for name in PAGE_SCRIPTS),
-    )
+    links = [("verdict", "Verdict"), ("replay", "Replay"), *((key, text) for key, text, _ in parts)]
+    script = "\n".join((PAGE_ASSETS / f"{name}.js").read_text(encoding="utf-8") for name in PAGE_SCRIPTS)
+    more = {"verdict": first, "key": key, "data": _json(data), "script": script}
+    more |= {"remark": _remark(data["scenes"], factor), "chooser": _chooser(runs, data["scenes"])}
+    return _fill_template("page.html", title, " | ".join(run.label for run in runs), parts, links, **more)
 
 
 def _data(
@@ -541,15 +506,22 @@ def _json(data: object) -> str:
 def plain_page(
     title: str,
     subtitle: str,
-    sections: Sequence[tuple[str, str, Markup]],
-    links: Sequence[tuple[str, str]],
+    sections: Sequence[Section],
+    links: Sequence[tuple[str, str]] | None = None,
     made_of: str = "",
 ) -> str:
-    """Return the HTML of a page without plots, player and scripts.
+    """Return the HTML of a page without plots, player and scripts; `made_of` follows "Made by twin VERSION" below.
 
-    Sections are (key, title, content), links in the head (key, text); `made_of` follows "Made by twin VERSION" below.
+    Links in the head are (key, text); None for one to each section.
     """
-    return Template((PAGE_ASSETS / "plain.html").read_text(encoding="utf-8")).substitute(
+    links = [(key, name) for key, name, _ in sections] if links is None else links
+    return _fill_template("plain.html", title, subtitle, sections, links, made_of=made_of)
+
+
+def _fill_template(
+    file: str, title: str, subtitle: str, sections: Sequence[Section], links: Sequence[tuple[str, str]], **more: str
+) -> str:
+    return Template((PAGE_ASSETS / file).read_text(encoding="utf-8")).substitute(
         title=join_markup([title]),
         subtitle=element("p", subtitle),
         style=(PAGE_ASSETS / "page.css").read_text(encoding="utf-8"),
@@ -557,5 +529,5 @@ def plain_page(
         contents=join_markup([element("a", text, href=f"#{key}") for key, text in links]),
         sections=join_markup([section(*one) for one in sections]),
         version=join_markup([version("twin")]),
-        made_of=made_of,
+        **more,
     )

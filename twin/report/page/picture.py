@@ -24,10 +24,8 @@ from twin.studies.paper.fig5 import Fig5Score, shown_tasks
 
 POLL_INTERVAL, DRAW_TIMEOUT = 0.05, 60.0
 """Interval (s) at which the drawing process is checked, and timeout (s) of drawing."""
-
 MAX_PICKLE_BYTES = 200_000_000
-"""Maximum size of data passed to the drawing process (bytes); writing and reading more would cost too much time and
-disk space."""
+"""Maximum size of data passed to the drawing process (bytes); more would cost too much time and disk space."""
 FIG4_SERIES = (
     "controller.F_z", "controller.F_z_ref", "controller.p_ref_B", "controller.p_cmd_B", "estimator.p_B",
     "estimator.F_ee_B", "plant.p_B", "plant.F_ee_B",

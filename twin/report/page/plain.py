@@ -52,14 +52,10 @@ def sweep_page(sweep: SweepRows, asked: SweepQuery, pictures: Mapping[str, Path]
         found.append(("pictures", "Pictures", join_markup(drawn.values())))
     links = [(key, PART_NAMES.get(key.partition("-")[0], title)) for key, title, _ in found]
     sections = [(key, title[0].upper() + title[1:], html) for key, title, html in found]
-    return plain_page(f"Sweep {sweep.name}", _subtitle(sweep), sections, links, " from the rows of the sweep alone")
-
-
-def _subtitle(sweep: SweepRows) -> str:
     drives = f" | {', '.join(sweep.drives)}" if sweep.drives else ""
-    return (
-        f"{len(sweep.columns)} of {sweep.runs} runs | design {sweep.design} | varies {', '.join(sweep.labels)}{drives}"
-    )
+    done = f"{len(sweep.columns)} of {sweep.runs} runs | design {sweep.design}"
+    subtitle = f"{done} | varies {', '.join(sweep.labels)}{drives}"
+    return plain_page(f"Sweep {sweep.name}", subtitle, sections, links, " from the rows of the sweep alone")
 
 
 def _content(part: ReportPart) -> list[Markup]:
@@ -81,13 +77,6 @@ def write_drives_page(facts: Mapping[str, Any], folder: Path) -> Path:
 
     The same facts and pictures give the same text.
     """
-    path = folder / DRIVES_PAGE_FILE
-    write_text(path, drives_page(facts))
-    return path
-
-
-def drives_page(facts: Mapping[str, Any]) -> str:
-    """Return the HTML of the page of a drive comparison, see `write_drives_page`."""
     names = [drive["drive"] for drive in facts["experiments"][0]["drives"]]
     sentences = [element("p", sentence, class_="headline plain") for sentence in facts["verdict"]]
     definitions = facts["definitions"]
@@ -102,7 +91,9 @@ def drives_page(facts: Mapping[str, Any]) -> str:
         found.append((f"experiment-{number}", one["experiment"], join_markup([_measures(one, definitions), picture])))
     found.append(("definitions", "What the measures mean", table(("measure", "is"), meanings, "definitions")))
     subtitle = " | ".join([*names, *facts["set"]])
-    return plain_page(f"{len(names)} drives compared", subtitle, found, [(key, title) for key, title, _ in found])
+    path = folder / DRIVES_PAGE_FILE
+    write_text(path, plain_page(f"{len(names)} drives compared", subtitle, found))
+    return path
 
 
 def _measures(experiment: Mapping[str, Any], definitions: Mapping[str, Any]) -> Markup:

@@ -197,8 +197,10 @@ def measures(run: ReportRun) -> list[RunMeasure]:
         found += _force(run)
     if run.has("plant.p_B"):
         found += _path(run)
-    if run.has(*(f"drive/{joint}.omega_m" for joint in (1, 2, 3))):
-        found += _drives(run)
+    drives = [f"drive/{joint}.omega_m" for joint in (1, 2, 3)]
+    if run.has(*drives):
+        worst = max(float(np.abs(run.recording[key]).max()) for key in drives)
+        found.append(RunMeasure("largest motor speed", "rad/s", worst))
     if run.has("monitor.tripped"):
         found.append(RunMeasure("safety monitor tripped at", "s", trip_time(run.recording)))
     return found
@@ -291,8 +293,3 @@ def _path(run: ReportRun) -> list[RunMeasure]:
             RunMeasure("error of the estimated position, rms", "mm", MM * rms(error), short="the estimated position")
         )
     return found
-
-
-def _drives(run: ReportRun) -> list[RunMeasure]:
-    worst = max(float(np.abs(run.recording[f"drive/{joint}.omega_m"]).max()) for joint in (1, 2, 3))
-    return [RunMeasure("largest motor speed", "rad/s", worst)]

@@ -255,9 +255,8 @@ def boxes(run: ReportRun) -> Markup:
 
 
 def residuals(run: ReportRun) -> Markup:
-    """Return the table of all residuals of a session between robot and twin."""
     rows = [
-        (text, unit, f"{one.mean:+.3g}", f"{one.rms:.3g}", f"{one.largest:+.3g}", _time_button(one.largest_time))
+        (text, unit, f"{one.mean:+.3g}", f"{one.rms:.3g}", f"{one.largest:+.3g}", time_button(one.largest_time))
         for text, unit, one in _residuals(run)
     ]
     if not rows:
@@ -297,10 +296,10 @@ def alarms(run: ReportRun) -> Markup:
         unit = "" if one.unit == "1" else one.unit
         off = "" if one.size is None else f"{one.size:+.3g} {unit}"
         level = "" if one.level is None else f"{one.level:.2f}"
-        since = "" if one.since_s is None else _time_button(one.since_s)
+        since = "" if one.since_s is None else time_button(one.since_s)
         state = element("span", "robot and twin have parted", class_="bad") if one.alarm else one.state
         rows.append(
-            (_time_button(one.t_s), state, one.channel, off, since, level, "" if off else one.text.partition(": ")[2])
+            (time_button(one.t_s), state, one.channel, off, since, level, "" if off else one.text.partition(": ")[2])
         )
     head = ("at", "state", "of", "off by", "since", "level", "found")
     return table(head, rows, f"states of the alarm in {run.label}")
@@ -314,7 +313,7 @@ def gaps(run: ReportRun) -> Markup:
         rows.append(("lost by the transport, as reported by it", str(facts.dropped)))
         parts = [table(("", "number"), rows, f"what came in {run.label}")]
     if longest := sorted(_gaps(run), key=lambda one: -one[1])[:MAX_GAPS]:
-        found = [(_time_button(at), f"{length:.4g} s", str(missing)) for at, length, missing in longest]
+        found = [(time_button(at), f"{length:.4g} s", str(missing)) for at, length, missing in longest]
         parts += [
             element("h3", "The longest gaps"),
             table(("from", "length", "missing"), found, f"gaps of {run.label}"),
@@ -372,7 +371,6 @@ def _ms(seconds: float | None) -> str:
 
 
 def origin(run: ReportRun) -> Markup:
-    """Return the section on the source, experiment and recording of a session."""
     versions = run.recording.metadata.get("versions", {})
     rows = [
         ("source", _source(run)),
@@ -384,5 +382,5 @@ def origin(run: ReportRun) -> Markup:
     return table(("", "is"), rows, f"origin of {run.label}")
 
 
-def _time_button(t: float) -> Markup:
+def time_button(t: float) -> Markup:
     return element("button", f"{t:.3f} s", type="button", class_="at", data_t=f"{t:.9g}")

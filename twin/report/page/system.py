@@ -19,8 +19,7 @@ from twin.studies.result import count_text
 CURVE_SAMPLES = 4000
 """Maximum number of samples of a curve; more than the pixels of a picture's width."""
 MAX_PANEL_CURVES, MAX_PANELS = 8, 24
-"""Maximum number of curves of a panel, and of panels of a run; for more of a large system, record by pattern and use a
-viewer."""
+"""Maximum number of curves of a panel, and of panels of a run; more are seen in a viewer."""
 MAX_EVENTS = 500
 
 
@@ -112,14 +111,10 @@ def _components(run: ReportRun) -> Markup:
         one = json.loads(text)
         cost = costs.get(path, {}).get("microseconds_per_step") if isinstance(costs, dict) else None
         set_ = ", ".join(f"{name} = {value}" for name, value in one.get("set", {}).items())
-        facts = (one["file"], f"FMI {one['fmi']}", one.get("generation_tool") or "-", _code(one["sha256"]))
+        facts = (one["file"], f"FMI {one['fmi']}", one.get("generation_tool") or "-", element("code", one["sha256"]))
         rows.append((path, *facts, set_ or "-", "-" if cost is None else f"{cost:.3g} us"))
     head = ("component", "file", "standard", "made with", "SHA-256", "set", "per step")
     return table(head, rows, f"components of {run.label}")
-
-
-def _code(text: str) -> Markup:
-    return element("code", text)
 
 
 def _timing(run: ReportRun) -> Markup:
@@ -139,13 +134,13 @@ def _origin(run: ReportRun) -> Markup:
     its: dict[str, Any] = run.recording.metadata["system"]
     rows: list[Iterable[str]] = [
         ("file", its["file"]),
-        ("SHA-256", _code(its["sha256"])),
+        ("SHA-256", element("code", its["sha256"])),
         ("coupling", f"{its['scheme']}, steps of {1e3 * float(its['tick']):g} ms"),
         ("order", ", ".join(json.loads(its["order"]))),
         *(("connection", f"{source} -> {target}") for source, target in json.loads(its["wires"])),
         *((f"input {name}", about) for name, about in run.recording.metadata.get("inputs", {}).items()),
         *((f"version of {name}", text) for name, text in run.recording.metadata.get("versions", {}).items()),
-        ("recording", _code(run.sha256)),
+        ("recording", element("code", run.sha256)),
     ]
     facts = table(("", "is"), [tuple(row) for row in rows], f"origin of {run.label}")
     return element("details", element("summary", "System and versions"), facts)

@@ -59,38 +59,21 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
         groups.append(RunGroup(TRUTH_TITLE, score.quality, OWN_CHECKS))
     elif len(runs) == 1 and (run := _force_position_run(runs[0])) is not None:
         # twin's own checks of the true force need this run only
-        groups.append(
-            RunGroup(
-                TRUTH_TITLE,
-                tuple(judge_claim(claim, fig4_measures.Fig4Runs(run, run)) for claim in QUALITY_CLAIMS),
-                OWN_CHECKS,
-            )
-        )
+        quality = tuple(judge_claim(claim, fig4_measures.Fig4Runs(run, run)) for claim in QUALITY_CLAIMS)
+        groups.append(RunGroup(TRUTH_TITLE, quality, OWN_CHECKS))
     if fig5 is not None:
         labels = {run.recording.path: run.label for run in runs}
         for task in fig5.tasks:
             whose = f" of {labels[task.path]}" if len(with_tasks) > 1 else ""
-            groups.append(
-                RunGroup(f"Task {task.name}{whose}: {task.manner}; {task.drive} on {task.body}", task.findings)
-            )
-    deviations, alarms = (
-        _texts_by_run(runs, lambda run: (*run.recording.deviations, *run.recording.other_parts)),
-        _texts_by_run(runs, _alarms),
-    )
+            title = f"Task {task.name}{whose}: {task.manner}; {task.drive} on {task.body}"
+            groups.append(RunGroup(title, task.findings))
+    deviations = _texts_by_run(runs, lambda run: (*run.recording.deviations, *run.recording.other_parts))
+    alarms = _texts_by_run(runs, _alarms)
     findings = [finding for group in groups for finding in group.findings]
-    remarks = [
-        *(comparison_sentences(runs) if len(runs) > 2 else ()),
-        *alarms[1:],
-        *deviations,
-        *why_not,
-    ]
+    remarks = [*(comparison_sentences(runs) if len(runs) > 2 else ()), *alarms[1:], *deviations, *why_not]
     remarks += _texts_by_run(runs, _faults)
     holds, of = tally(findings)
-    good: bool | None = None
-    if failed_keys(findings) or alarms:
-        good = False
-    elif of and holds == of:
-        good = True
+    good = False if failed_keys(findings) or alarms else True if of and holds == of else None
     return PageVerdict(_headline(runs, groups, alarms), good, tuple(filter(None, remarks)), tuple(groups), pair, fig5)
 
 

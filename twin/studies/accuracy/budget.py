@@ -17,12 +17,13 @@ assumed standard uncertainty, with its reason.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import radians
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.errors import InputRefused
+from twin.kernel.serialise import to_dict
 from twin.robot.assembly.roles import refuse_third_party_parts
 from twin.robot.experiment.experiment import Experiment, with_cosim, with_exact_encoders, with_model, with_plant
 from twin.robot.mechanism.geometry import Model
@@ -64,9 +65,7 @@ class Effect:
     """A small effect of the true robot that an experiment may leave out.
 
     Attributes:
-        name, amount: text for the report.
         values: plausible values of attributes of `robot.Plant` (SI); `ONE_TICK` for the tick of the experiment.
-        reason: source of the values.
     """
 
     name: str
@@ -76,11 +75,9 @@ class Effect:
 
     @property
     def label(self) -> str:
-        """Name and assumed amount of a small effect of the robot."""
         return f"{self.name}, {self.amount}"
 
     def is_present(self, experiment: Experiment) -> bool:
-        """Whether the experiment's robot already has the small effect."""
         return any(getattr(experiment.plant, name) != TrueRobot.model_fields[name].default for name in self.values)
 
     def apply_to(self, experiment: Experiment, like: Experiment) -> Experiment:
@@ -92,7 +89,6 @@ class Effect:
 
 
 def without_effects(experiment: Experiment) -> Experiment:
-    """Return the experiment with all small effects of a real robot switched off."""
     names = {name for effect in SMALL_EFFECTS for name in effect.values}
     return with_plant(experiment, **{name: TrueRobot.model_fields[name].default for name in names})
 
@@ -124,11 +120,9 @@ class Uncertainty:
     """An assumed error of one parameter of the controller's robot model.
 
     Attributes:
-        label: text for the report.
         names: attributes of `robot.Model` that are off by the same amount at once.
         joint: index of the affected element, from 0; None for a scalar parameter.
         share, amount: relative (1) and absolute (SI) part; one of them is 0.
-        reason: source of the amount.
     """
 
     label: str
@@ -172,7 +166,6 @@ class Contribution:
     """Contribution of one imperfection to the force error: one row of the accuracy budget (N).
 
     Attributes:
-        label: text for the report.
         bias, std, rms: over the window; rms^2 = bias^2 + std^2.
         meaning: description of the two compared runs.
         group: "effect": plausible in a robot, but not in the experiment; "total": the unchanged experiment.
@@ -184,6 +177,8 @@ class Contribution:
     rms: float
     meaning: str
     group: Group
+
+    JSON_KEYS = "label group bias_N=bias std_N=std rms_N=rms meaning"
 
 
 @dataclass(frozen=True)
@@ -211,31 +206,18 @@ class Budget:
     as_is: Contribution
 
     def contributions_of(self, group: Group) -> tuple[Contribution, ...]:
-        """Return the contributions of one group to the force error."""
         return tuple(one for one in self.contributions if one.group == group)
 
 
-@dataclass(frozen=True)
-class _Trace:
-    """True and estimated pressing force of a run at the controller's ticks, (n,) N."""
+class _Forces(NamedTuple):
+    """True pressing force of a run and the error of its estimate at the controller's ticks, (n,) N."""
 
     true: NDArray[np.float64]
-    estimate: NDArray[np.float64]
-
-    @property
-    def error(self) -> NDArray[np.float64]:
-        return self.estimate - self.true
+    error: NDArray[np.float64]
 
 
 def accuracy_budget(experiment: Experiment, say: Say = ignore_progress) -> Budget:
-    """Run an experiment unchanged, without imperfections and with each alone; return its accuracy budget.
-
-    `say` is called with the name of each run.
-
-    Raises:
-        InputRefused: the experiment has faults or taps, or never presses.
-        ComponentFailed: a component failed.
-    """
+    """Run an experiment unchanged, without imperfections and with each alone; return its accuracy budget."""
     refuse_third_party_parts(experiment, "a budget of the force error", ("estimator",))
     if experiment.faults:
         raise InputRefused(f"{experiment.name}: has faults, which an accuracy budget does not cover; remove [[fault]]")
@@ -253,7 +235,7 @@ def accuracy_budget(experiment: Experiment, say: Say = ignore_progress) -> Budge
     for name, one in alone:
         steps.next(name)
         traces[name] = _trace(one)
-    others: list[tuple[Effect, _Trace]] = []
+    others: list[tuple[Effect, _Forces]] = []
     for effect in SMALL_EFFECTS:
         steps.next(effect.label)
         # both compared runs contain the coupling's error, so a fine coupling is not needed
@@ -275,9 +257,8 @@ def accuracy_budget(experiment: Experiment, say: Say = ignore_progress) -> Budge
         line("statics only", ideal.error, "the remainder if all else is perfect: inertia and joint friction"),
     ]
     if "belief" in added:
-        imperfections.append(
-            line("belief", added["belief"], "the controller's parameters as they are, instead of true")
-        )
+        meaning = "the controller's parameters as they are, instead of true"
+        imperfections.append(line("belief", added["belief"], meaning))
     effects = [
         line(
             effect.name if own else effect.label, trace.error - traces["coupling"].error,
@@ -336,13 +317,13 @@ def _fine(experiment: Experiment) -> Experiment:
     return with_cosim(experiment, tick=experiment.cosim.tick / FINE_STEPS, scheme="gauss_seidel", inputs="linear")
 
 
-def _trace(experiment: Experiment) -> _Trace:
+def _trace(experiment: Experiment) -> _Forces:
     true, estimate = "plant.F_ee_B", "estimator.F_ee_B"
     run = run_in_memory(experiment, experiment.controller_ticks, (true, estimate))
-    return _Trace(-run[true][:, 2], -run[estimate][:, 2])
+    return _Forces(-run[true][:, 2], run[true][:, 2] - run[estimate][:, 2])
 
 
-def _window(experiment: Experiment, traces: list[_Trace]) -> NDArray[np.bool_]:
+def _window(experiment: Experiment, traces: list[_Forces]) -> NDArray[np.bool_]:
     """Return the mask (n,) of the instants that an accuracy budget evaluates: the robot presses in every run.
 
     It begins `TOUCHDOWN_TIME` after the first such instant.
@@ -369,12 +350,9 @@ def accuracy_result(budget: Budget, facts: str) -> Result:
     """Return the report of an accuracy budget, which refers to the JSON file `facts`."""
     imperfections, twin = budget.contributions_of("imperfection"), budget.contributions_of("twin")
     together = ("sum of biases, root of squares", budget.bias, None, budget.together)
+    added = ("root of the sum of squares", None, None, budget.parameters)
     left_out = [
         f"  {what:<{NAME_WIDTH - 3}}{'not modelled, at most':>21}{most:>9.3f}" for what, most, _ in NOT_MODELLED
-    ]
-    beliefs = [
-        *map(row, budget.contributions_of("parameter")),
-        ("root of the sum of squares", None, None, budget.parameters),
     ]
     parts: list[Block] = [
         *(Note(sentence, "  ") for sentence in details(budget)),
@@ -385,13 +363,12 @@ def accuracy_result(budget: Budget, facts: str) -> Result:
         "",
         _table("left out; if the robot had, N", [*map(row, budget.contributions_of("effect")), *left_out]),
         "",
-        _table("if the controller believed, N", beliefs),
+        _table("if the controller believed, N", [*map(row, budget.contributions_of("parameter")), added]),
         "",
         *(Note(f"{one.label}: {one.meaning}", "  ", 4) for one in (*imperfections, *twin)),
     ]
-    return Result(
-        f"{budget.name}: {headline(budget)}", parts, accuracy_facts(budget) | {"facts": facts}, {"facts": facts}
-    )
+    files = {"facts": facts}
+    return Result(f"{budget.name}: {headline(budget)}", parts, accuracy_facts(budget) | files, files)
 
 
 def _table(title: str, rows: Sequence[Row | str]) -> Table:
@@ -399,7 +376,6 @@ def _table(title: str, rows: Sequence[Row | str]) -> Table:
 
 
 def headline(budget: Budget) -> str:
-    """Return the rms force error of an accuracy budget as a clause."""
     return f"the force is estimated to {budget.as_is.rms:.3f} N rms"
 
 
@@ -428,15 +404,9 @@ def accuracy_facts(budget: Budget) -> dict[str, object]:
         "start_s": budget.start,
         "end_s": budget.end,
         "force_N": budget.force,
-        "contributions": [
-            {
-                "label": one.label, "group": one.group, "bias_N": one.bias, "std_N": one.std, "rms_N": one.rms,
-                "meaning": one.meaning,
-            }
-            for one in (*budget.contributions, budget.as_is)
-        ],
+        "contributions": to_dict((*budget.contributions, budget.as_is)),
         "not_modelled": [{"label": what, "at_most_N": most, "meaning": why} for what, most, why in NOT_MODELLED],
         "bias_N": budget.bias,
         "together_N": budget.together,
         "parameters_N": budget.parameters,
-    }  # fmt: skip
+    }

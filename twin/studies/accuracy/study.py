@@ -26,10 +26,6 @@ def accuracy(
     Exit code: 0 done, 2 input refused, 3 a drive failed.
 
     Example: twin accuracy experiments/fig4_force_position.toml
-
-    Raises:
-        InputRefused: the experiment, a drive or the folder is invalid.
-        ComponentFailed: a component failed.
     """
     from twin.kernel.atomic_write import make_folder, write_json
     from twin.robot.assembly.load import load_experiment

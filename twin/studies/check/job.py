@@ -127,10 +127,6 @@ class CheckOutcome:
     failure: str = ""
     exit_code: int = 0
 
-    @classmethod
-    def from_note(cls, note: dict[str, Any]) -> "CheckOutcome":
-        return TypeAdapter(cls).validate_python(note)
-
 
 def pairs(
     experiments: Sequence[Path], drives: Sequence[str], baselines: Path | None, update: bool = False
@@ -208,7 +204,7 @@ def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> li
     say(f"0 of {len(pairs)} checks", 0.0)
 
     def on_outcome(note: dict[str, Any]) -> None:
-        outcome = CheckOutcome.from_note(note)
+        outcome = TypeAdapter(CheckOutcome).validate_python(note)
         found[outcome.pair] = outcome
         say(f"{len(found)} of {len(pairs)} checks", len(found) / len(pairs))
 

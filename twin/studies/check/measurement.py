@@ -29,6 +29,7 @@ from twin.robot.monitor.component import trip_reason
 from twin.robot.run.trace import Trace, fields_of
 from twin.studies.metrics import response
 from twin.studies.metrics.requirement import checked_requirement, distance
+from twin.studies.metrics.response import Curve
 
 BOUND_SHARE = 0.02
 UNIT_FLOORS = {
@@ -57,11 +58,9 @@ TUBE_TIME = 0.004
 """Half width of a tube in time (s): two periods of the robot's controller."""
 TUBE_FLOORS = {"m": 2.5e-5, "rad": 4e-4, "N": 0.05, "N m": 3e-3}
 """Minimum half width of a tube, by unit: one count of the joint encoder (2 pi / 16384, at a link of 60 mm), and the
-force of one count of the motor encoder (2 pi / 4096 times k_s N at 60 mm).
-"""
+force of one count of the motor encoder (2 pi / 4096 times k_s N at 60 mm)."""
 STEP_TIME = 0.02
 """Time (s) that a reference needs for its step: one controller period for way points, another for a joint."""
-Curve = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -363,11 +362,8 @@ def _effort_metrics(measure: measures.Effort, signals: Signals, inside: NDArray[
 
 def _requirement_metrics(measure: measures.RequirementMeasure, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
     formula, unit = checked_requirement(measure.formula, signals.run.fields())
-
-    def held(key: str) -> NDArray:
-        return signals.run.held(key)[inside]
-
-    return {"distance": Metric(distance(formula, signals.run.tick, held), unit, floor_of(unit), "none")}
+    left = distance(formula, signals.run.tick, lambda key: signals.run.held(key)[inside])
+    return {"distance": Metric(left, unit, floor_of(unit), "none")}
 
 
 def _rounding_range(values: Curve) -> float:

@@ -87,14 +87,10 @@ def _is_new(verdict: CheckVerdict) -> bool:
 def _rows(row: CheckRow) -> list[Row]:
     unit, factor = display_unit(row.unit)
     numbers = [nan if value is None else factor * value for value in (row.before, row.now, row.bound)]
-    name = _name(row)
+    name = row.name if row.at is None or row.word == "ok" else f"{row.name} at {row.at:.4g} s"
     if len(name) > MAX_NAME_LENGTH:
         return [f"  {row.word:7} {name}", ("", "", unit, *numbers)]
     return [(row.word, name, unit, *numbers)]
-
-
-def _name(row: CheckRow) -> str:
-    return row.name if row.at is None or row.word == "ok" else f"{row.name} at {row.at:.4g} s"
 
 
 def _label_lines(label: str, text: str) -> list[Note]:
@@ -108,19 +104,15 @@ def check_pictures(verdicts: Sequence[CheckVerdict], folder: Path) -> list[Path]
     make_folder(folder)
     for verdict in [verdict for verdict in verdicts if verdict.outside][:MAX_SHOWN]:
         path = folder / f"{verdict.experiment}_{Path(verdict.drive).stem}.png"
-        _draw_verdict(verdict, path)
         drawn.append(path)
+        with picture(path, 8.0, 3.2 * len(verdict.outside) + 0.5) as figure:
+            panels = figure.subplots(len(verdict.outside), squeeze=False)[:, 0]
+            for axes, curve in zip(panels, verdict.outside, strict=True):
+                _draw(axes, curve)
+            panels[-1].set_xlabel("time (s)")
+            figure.suptitle(f"{verdict.experiment}, {verdict.drive}", fontsize=11)
+            figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=9)
     return drawn
-
-
-def _draw_verdict(verdict: CheckVerdict, path: Path) -> None:
-    with picture(path, 8.0, 3.2 * len(verdict.outside) + 0.5) as figure:
-        panels = figure.subplots(len(verdict.outside), squeeze=False)[:, 0]
-        for axes, curve in zip(panels, verdict.outside, strict=True):
-            _draw(axes, curve)
-        panels[-1].set_xlabel("time (s)")
-        figure.suptitle(f"{verdict.experiment}, {verdict.drive}", fontsize=11)
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=9)
 
 
 def _draw(axes: Axes, curve: TubeDeparture) -> None:

@@ -105,10 +105,9 @@ def _metric_rows(baseline: Baseline, now: Measurement) -> Iterator[CheckRow]:
         if metric is None or metric.unit != stored.unit:
             yield CheckRow(name, stored.unit, stored.value, None, None, None, "gone")
             continue
-        word: Word = "ok"
-        # negated so that NaN is not ok
-        if not abs(metric.value - stored.value) <= stored.bound:
-            word = _direction(metric, stored.value)
+        # NaN is not inside
+        inside = abs(metric.value - stored.value) <= stored.bound
+        word: Word = "ok" if inside else _direction(metric, stored.value)
         yield CheckRow(name, stored.unit, stored.value, metric.value, stored.bound, None, word)
     for name, metric in now.metrics.items():
         if name not in baseline.metrics or baseline.metrics[name].unit != metric.unit:

@@ -81,16 +81,8 @@ def observed_order(ticks: ArrayLike, errors: ArrayLike, floor: float) -> Order:
     return Order(slope, OrderFinding.NOT_SMOOTH if np.ptp(pairs) > MAX_SLOPE_SPREAD else OrderFinding.SMOOTH)
 
 
-@dataclass(frozen=True)
-class SmoothExperiment:
-    """An experiment without quantisation, and a phrase for each removed effect."""
-
-    experiment: Experiment
-    changes: tuple[str, ...]
-
-
-def comparable_experiment(experiment: Experiment) -> SmoothExperiment:
-    """Return the experiment with exact encoders and a force loop triggered by time instead of by force."""
+def comparable_experiment(experiment: Experiment) -> tuple[Experiment, tuple[str, ...]]:
+    """Return the experiment with exact encoders and a force loop triggered by time, and a phrase for each change."""
     if experiment.faults:
         raise InputRefused(f"{experiment.name}: has faults, whose effect is not a coupling error; remove [[fault]]")
     if experiment.tasks:
@@ -118,16 +110,13 @@ def comparable_experiment(experiment: Experiment) -> SmoothExperiment:
         force = experiment.controller.force.model_copy(update={"trigger": OUT_OF_REACH, "trigger_time": when})
         smooth = replace(smooth, controller=smooth.controller.model_copy(update={"force": force}))
         changes.append(f"force loop on at {when:g} s, not by force")
-    return SmoothExperiment(smooth, tuple(changes))
+    return smooth, tuple(changes)
 
 
-def without_friction(smooth: SmoothExperiment) -> SmoothExperiment:
-    """Remove backlash and friction from an experiment, too, so that its motion has no events."""
-    experiment = with_plant(smooth.experiment, backlash=0.0, joint_friction=0.0)
+def without_friction(experiment: Experiment) -> Experiment:
+    """Remove backlash and friction from an experiment, so that its motion has no events."""
     contact = experiment.contact.model_copy(update={"friction": 0.0})
-    return SmoothExperiment(
-        replace(experiment, contact=contact), (*smooth.changes, "no backlash", "no friction under the head")
-    )
+    return replace(with_plant(experiment, backlash=0.0, joint_friction=0.0), contact=contact)
 
 
 @dataclass(frozen=True)
@@ -218,16 +207,18 @@ def convergence(
     """
     steps = Steps(say, 1 + len(COUPLINGS))
     steps.next("reference")
-    whole = comparable_experiment(experiment)
-    cut = SmoothExperiment(shorten(whole.experiment, duration) if duration else whole.experiment, whole.changes)
-    used = without_friction(cut) if smooth else cut
-    reference = reference_of(used.experiment)
+    used, changes = comparable_experiment(experiment)
+    if duration:
+        used = shorten(used, duration)
+    if smooth:
+        used, changes = without_friction(used), (*changes, "no backlash", "no friction under the head")
+    reference = reference_of(used)
     series: list[CouplingSeries] = []
     left_out: dict[str, str] = {}
     for coupling in COUPLINGS:
         steps.next(coupling.name)
         try:
-            series.append(_series(used.experiment, coupling, reference))
+            series.append(_series(used, coupling, reference))
         except InputRefused as why:
             # the first coupling is never refused by itself: the refusal concerns the experiment
             if coupling == COUPLINGS[0]:
@@ -236,10 +227,10 @@ def convergence(
     cosim = experiment.cosim
     return CouplingStudy(
         name=experiment.name,
-        duration=used.experiment.duration_ticks * cosim.tick,
+        duration=used.duration_ticks * cosim.tick,
         tick=cosim.tick,
         coupling=Coupling(cosim.scheme, cosim.inputs, cosim.iterations),
-        changes=used.changes,
+        changes=changes,
         reference=reference,
         series=tuple(series),
         left_out=left_out,

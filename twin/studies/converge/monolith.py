@@ -102,13 +102,8 @@ class CoupledEquations:
     def derivative(self, omega_ref: ArrayLike, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return dx/dt (14,) of drives and plant with the command `omega_ref` (3,) in rad/s."""
         m = self._memory
-        m["omega_ref"], m["theta_m"], m["omega_m"], m["x"], m["anchors"] = (
-            omega_ref,
-            x[:3],
-            x[3:6],
-            x[6:],
-            INITIAL_ANCHORS,
-        )
+        m["omega_ref"], m["theta_m"], m["omega_m"] = omega_ref, x[:3], x[3:6]
+        m["x"], m["anchors"] = x[6:], INITIAL_ANCHORS
         _derive(m)
         return np.concatenate([m[name][0] for name in ("dtheta_m", "domega_m", "dx")])
 
@@ -174,11 +169,8 @@ def has_monolithic_form(experiment: Experiment) -> bool:
 def monolithic_rows(experiment: Experiment, drives: Servos) -> dict[str, NDArray[np.float64]]:
     """Run an experiment as one differential equation, without any coupling error.
 
-    Its [cosim] scheme has no effect.
-
     Returns:
-        Outputs of the plant by "plant.port", and "theta_m", "omega_m" and "omega_ref" (n, 3): one row per tick of the
-            controller.
+        Outputs of the plant by "plant.port", and "theta_m", "omega_m" and "omega_ref" (n, 3), per controller tick.
     """
     parameters, p = plant_parameters(experiment.plant, experiment.contact), experiment.plant
     x_plant, theta_m = rest_state(parameters, experiment.start)

@@ -36,12 +36,12 @@ class PowerResidual:
     JSON_KEYS = "mean_W=mean peak_W=peak created_J=energy throughput_J=throughput"
 
 
-def power_residuals(experiment: Experiment) -> tuple[PowerResidual, PowerResidual, PowerResidual]:
+def power_residuals(experiment: Experiment) -> tuple[PowerResidual, ...]:
     """Run an experiment in this process and balance the energy of drives and springs, joint by joint."""
     with assemble(experiment) as assembly:
         W_drive, W_spring = _work(experiment, assembly)
     created, h = W_spring - W_drive, experiment.cosim.tick
-    one, two, three = (
+    return tuple(
         PowerResidual(
             mean=float(created[:, i].mean() / h),
             peak=float(np.abs(created[:, i]).max() / h),
@@ -50,7 +50,6 @@ def power_residuals(experiment: Experiment) -> tuple[PowerResidual, PowerResidua
         )
         for i in range(3)
     )
-    return one, two, three
 
 
 class _Inputs(Observer):

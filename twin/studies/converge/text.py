@@ -85,7 +85,6 @@ def _why_not(study: CouplingStudy, own: TickPoint) -> list[Block]:
 
 
 def _settings(study: CouplingStudy) -> str:
-    """Return the command-line options that set the recommended coupling."""
     assert study.choice is not None
     new, old = study.choice.coupling, study.coupling
     settings = {"tick_ms": f"{1e3 * study.choice.point.tick:g}"} if study.choice.point.tick != study.tick else {}

@@ -5,6 +5,7 @@ import math
 import re
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -44,14 +45,11 @@ def _runs(signals: frozenset[str], most: int) -> Runs:
 def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
     """Run the experiment file `settings[0]`; return the distance from violating each requirement as "NAME.distance".
 
-    A failed component ends the run; requirements are judged until then.
+    A failed component ends the run; requirements are judged until then. The finding has more: "trip", the tick of the
+    trip or None; without faults also "onsets": ticks in contact and in free motion for the beginning of a fault.
 
     Args:
         path, drive, claims: unused; the experiment file states path and drive.
-
-    Returns:
-        The distances, and "trip", the tick of the trip or None; without faults also "onsets": ticks in contact
-        and in free motion for the beginning of a fault.
     """
     began = time.perf_counter()
     try:
@@ -81,32 +79,28 @@ def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: st
     return RunFinding(ended.status, ended.reason, found, time.perf_counter() - began, ended.stepping, more)
 
 
+@dataclass
 class Judge:
     """Judge of faults: runs them, and returns their distances from a violation as shares of the healthy distance."""
 
-    def __init__(
-        self,
-        space: Space,
-        requirements: Sequence[Requirement],
-        workers: Pool[Task, dict[str, Any]],
-        experiment: Path,
-        scratch: Path,
-        runs: int,
-        say: Say,
-    ):
-        self._space, self._requirements, self._workers = space, requirements, workers
-        self._experiment, self._scratch, self._runs, self._say = experiment, scratch, runs, say
-        self._scales: dict[str, float] = {}
-        self._moved: dict[TriedFault, str] = {}
-        self._trips: dict[TriedFault, int] = {}
-        self.distances: dict[TriedFault, dict[str, float]] = {}
-        self.first: dict[str, int] = {}
-        self.ended: dict[TriedFault, EarlyEnd] = {}
-        self.seconds = 0.0
+    space: Space
+    requirements: Sequence[Requirement]
+    workers: Pool[Task, dict[str, Any]]
+    experiment: Path
+    scratch: Path
+    runs: int
+    say: Say
+    distances: dict[TriedFault, dict[str, float]] = field(default_factory=dict)
+    first: dict[str, int] = field(default_factory=dict)
+    ended: dict[TriedFault, EarlyEnd] = field(default_factory=dict)
+    seconds: float = 0.0
+    _scales: dict[str, float] = field(default_factory=dict)
+    _moved: dict[TriedFault, str] = field(default_factory=dict)
+    _trips: dict[TriedFault, int] = field(default_factory=dict)
 
     def run_healthy(self) -> list[int]:
         """Run the healthy robot on each body, and return the first fault onsets to try (ticks)."""
-        unbroken = [TriedFault("", body=body) for body in self._space.bodies]
+        unbroken = [TriedFault("", body=body) for body in self.space.bodies]
         onsets: list[int] = []
         for wrong, facts in zip(unbroken, self._run_batch(unbroken), strict=True):
             on = f" on {wrong.body}" if wrong.body else ""
@@ -116,7 +110,7 @@ class Judge:
                 kind = SafetyTrip if facts.get("status") == "tripped" else ComponentFailed
                 raise kind(f"without any fault{on}: {facts.get('reason')}")
             onsets = onsets or facts["onsets"]
-            for wanted in self._requirements:
+            for wanted in self.requirements:
                 left = self._distance(facts, wanted.name)
                 if left < 0.0:
                     raise InputRefused(
@@ -162,10 +156,10 @@ class Judge:
 
     def trip(self, wrong: TriedFault) -> int:
         """Return the tick for delaying an ordered pair's second fault: the first one's trip, else its onset."""
-        return self._trips[self._space.first_alone(wrong)] if SEQUENCE_SEPARATOR in wrong.kind else 0
+        return self._trips[self.space.first_alone(wrong)] if SEQUENCE_SEPARATOR in wrong.kind else 0
 
     def _run_batch(self, batch: Sequence[TriedFault]) -> list[dict]:
-        first = dict.fromkeys(self._space.first_alone(wrong) for wrong in batch if SEQUENCE_SEPARATOR in wrong.kind)
+        first = dict.fromkeys(self.space.first_alone(wrong) for wrong in batch if SEQUENCE_SEPARATOR in wrong.kind)
         new = [one for one in first if one not in self._trips]
         if new:
             # not counted as runs: single faults judge them
@@ -173,11 +167,11 @@ class Judge:
             self._trips |= {one: one.onset if trip is None else trip for one, trip in zip(new, trips, strict=True)}
         files = []
         for number, wrong in enumerate(batch):
-            files.append(self._scratch / f"{number}.toml")
-            write_text(files[-1], self._space.file(wrong, self._experiment, trip=self.trip(wrong)))
-        self._say(f"{len(self.distances)} of {self._runs} runs", len(self.distances) / self._runs)
+            files.append(self.scratch / f"{number}.toml")
+            write_text(files[-1], self.space.file(wrong, self.experiment, trip=self.trip(wrong)))
+        self.say(f"{len(self.distances)} of {self.runs} runs", len(self.distances) / self.runs)
         tasks = [Task(number, "", None, {}, (str(file),)) for number, file in enumerate(files)]
-        answers = {task.run: facts for task, facts in chain.from_iterable(self._workers.answers(tasks))}
+        answers = {task.run: facts for task, facts in chain.from_iterable(self.workers.answers(tasks))}
         facts = [answers[task.run] for task in tasks]
         self.seconds += sum(one.get("seconds") or 0.0 for one in facts)
         return facts
@@ -198,9 +192,5 @@ def requirements_of(experiment: Experiment, texts: Sequence[str], path: Path) ->
         )
     with assemble(experiment) as assembly:
         fields = fields_of(assembly.system)
-    found = []
-    for name, text in named:
-        plain = re.sub(r"\s+", " ", text).strip()
-        _, unit = checked_requirement(plain, fields)
-        found.append(Requirement(name, plain, unit))
-    return found
+    plain = [(name, re.sub(r"\s+", " ", text).strip()) for name, text in named]
+    return [Requirement(name, text, checked_requirement(text, fields)[1]) for name, text in plain]

@@ -13,7 +13,7 @@ from twin.robot.experiment.fault import FAULT_KINDS
 from twin.robot.experiment.together import SEQUENCE_SEPARATOR
 from twin.studies.falsify.space import Place, Space, TriedFault, may_creep, ways_of
 from twin.studies.faults.magnitudes import UPPER_SHARE
-from twin.studies.faults.offsets import NO_OFFSET
+from twin.studies.faults.offsets import NO_OFFSET, on_disc
 from twin.studies.faults.together import SECOND_DELAYS
 
 Judgement = Callable[[Sequence[TriedFault]], list[float]]
@@ -141,7 +141,7 @@ class Search:
             if may_creep(kind):
                 shares[1] = max(MIN_SPEED_SHARE, UPPER_SHARE * rest[1])
             delay = SECOND_DELAYS[-1] * rest[2] if ordered else 0.0
-            offset = self.space.offset(*rest[-2:]) if self.space.reach else NO_OFFSET
+            offset = on_disc(self.space.reach, *rest[-2:]) if self.space.reach else NO_OFFSET
         shares = [way * share for way, share in zip(place.ways, shares, strict=True)]
         seed = lap if self.space.draws(kind) else 0
         return self.space.fault(kind, (place.target, place.body), shares, onset, seed, offset, delay)
@@ -164,7 +164,7 @@ class Search:
         def made(x: NDArray[np.float64]) -> TriedFault:
             onset, *rest = (float(each) for each in x)
             shares, (target, body, seed) = rest[: len(sizes)], map(round, rest[len(sizes) : len(sizes) + 3])
-            offset = space.offset(*rest[-2:]) if space.reach else NO_OFFSET
+            offset = on_disc(space.reach, *rest[-2:]) if space.reach else NO_OFFSET
             delay = rest[len(sizes) + 3] if ordered else 0.0
             return space.fault(kind, (targets[target], bodies[body]), shares, round(onset), seed, offset, delay)
 

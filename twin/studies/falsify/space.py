@@ -21,7 +21,7 @@ from twin.robot.experiment.together import (
     parse_fault_set,
 )
 from twin.studies.faults.magnitudes import has_two_ways, magnitude_between, share_of
-from twin.studies.faults.offsets import NO_OFFSET, moved_tasks, on_disc
+from twin.studies.faults.offsets import NO_OFFSET, moved_tasks
 from twin.studies.faults.together import slowest
 
 RANDOM_KINDS = (
@@ -151,12 +151,8 @@ class Space:
         rounded = tuple(float(f"{share:.4g}") for share in shares)
         return TriedFault(kind, target, None, onset, body, seed, rounded, offset, round(delay / self.tick))
 
-    def offset(self, outward: float, around: float) -> tuple[float, float]:
-        """Convert a share of the area and a share of a turn to an offset of the tasks (m), see `on_disc`."""
-        return on_disc(self.reach, outward, around)
-
     def polar(self, offset: tuple[float, float]) -> tuple[float, float]:
-        """Convert an offset of the tasks to its shares of the area and of a turn, the inverse of `Space.offset`."""
+        """Convert an offset of the tasks to its shares of the area and of a turn, the inverse of `on_disc`."""
         x, y = offset
         return min(1.0, (math.hypot(x, y) / self.reach) ** 2), math.atan2(y, x) / (2.0 * math.pi) % 1.0
 
@@ -172,11 +168,9 @@ class Space:
 
     def shares(self, wrong: TriedFault) -> tuple[float, ...]:
         """Return each fault's magnitude as a share of its range, inverse to `Space.fault`; 0 without a magnitude."""
-        return (
-            wrong.shares
-            if single_kind(wrong.kind) is None
-            else (share_of(parse_fault_set(wrong.kind)[0].kind, wrong.magnitude),)
-        )
+        if single_kind(wrong.kind) is None:
+            return wrong.shares
+        return (share_of(parse_fault_set(wrong.kind)[0].kind, wrong.magnitude),)
 
     def file(self, wrong: TriedFault, experiment: Path, comments: Sequence[str] = (), trip: int = 0) -> str:
         """Create the TOML text of an experiment with the faults of `wrong` and the requirements, for `twin run`.

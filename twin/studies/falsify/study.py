@@ -124,7 +124,8 @@ def falsify(
         loaded.tasks,
         1e-3 * reach,
     )
-    folder = make_folder(out or RESULTS_FOLDER / path.stem).absolute()
+    shown = make_folder(out or RESULTS_FOLDER / path.stem)
+    folder = shown.absolute()
     job = Job(path, folder, "none", JobLimits(), "", TRIAL_JOB)
     with held_folder() as scratch, run_pool(job, processes or core_count()) as workers:
         judge = Judge(space, wanted, workers, path.resolve(), scratch, runs, say)
@@ -143,7 +144,6 @@ def falsify(
         text = space.file(one.wrong, findable_path(path, folder), header(path.stem, one, wanted), judge.trip(one.wrong))
         write_text(folder / f"{one.wrong.kind}.toml", text)
     holes = UnviolatedKinds.from_search(space, list(search.tried), judge.ended, {one.wrong.kind for one in violating})
-    shown = out or RESULTS_FOLDER / path.stem
     result = falsify_result(path.stem, wanted, found, holes, space, len(search.tried), judge.seconds, shown)
     write_json(folder / RESULT_FILE, result.facts)
     return result

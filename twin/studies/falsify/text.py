@@ -1,5 +1,6 @@
 """Report of the search for faults, as text of at most 80 columns and for JSON."""
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -81,22 +82,17 @@ class UnviolatedKinds:
         """Format the gaps of the search as sentences of at most 80 columns; empty without gaps."""
         lines = []
         for refused, what in ((False, "Ended by a component that failed, judged until then"), (True, "Refused")):
-            cut_short = []
-            reasons = []
-            for kind, some in self.ended.items():
-                of_these = [end.reason for _, end in some if end.refused == refused]
-                if of_these:
-                    cut_short.append(f"{kind} ({len(of_these)} of {count_text(self.runs[kind], 'run')})")
-                    reasons += of_these
-            if cut_short:
-                first = (reasons[0].splitlines() or ["no reason was given"])[0]
+            ends = [(kind, end) for kind, some in self.ended.items() for _, end in some]
+            reasons = [(kind, end.reason) for kind, end in ends if end.refused == refused]
+            if reasons:
+                counts = Counter(kind for kind, _ in reasons)
+                cut_short = [f"{kind} ({n} of {count_text(self.runs[kind], 'run')})" for kind, n in counts.items()]
+                first = (reasons[0][1].splitlines() or ["no reason was given"])[0]
                 lines += wrap_text(f"{what}: {', '.join(cut_short)}. The first: {first}")
         if self.untried:
             left = [f"{kind} {len(some)} of {self.places[kind]}" for kind, some in self.untried.items()]
-            number = sum(map(len, self.untried.values()))
-            places = count_text(number, "place")
-            text = f"Not tried, {places} (target, sign, body; --runs N tries more): {', '.join(left)}."
-            lines += wrap_text(text)
+            places = count_text(sum(map(len, self.untried.values())), "place")
+            lines += wrap_text(f"Not tried, {places} (target, sign, body; --runs N tries more): {', '.join(left)}.")
         return lines
 
 
@@ -106,7 +102,6 @@ class NearestRun:
 
     Attributes:
         distances: distance from a violation, by the name of the requirement.
-        share: smallest distance as a share of the healthy distance.
         run: number of the run, from 1.
         first: number of the first violating run of this kind; None without one.
     """
@@ -191,16 +186,16 @@ def _table(
     sets = any(
         mark in one.wrong.kind for one in found for mark in (GROUP_SEPARATOR, PAIR_SEPARATOR, SEQUENCE_SEPARATOR)
     )
-    name, distance, magnitude, onset, target, *rest = FOUND_COLUMNS
     if sets:
-        return Table(
-            (replace(name, width=0), distance, magnitude, onset, *rest), [r[:4] + r[5:] for r in rows], indent=0
-        )
-    return Table((name, distance, magnitude, onset, target, *rest), rows, indent=0)
+        name, *others = FOUND_COLUMNS[:4] + FOUND_COLUMNS[5:]
+        return Table((replace(name, width=0), *others), [row[:4] + row[5:] for row in rows], indent=0)
+    return Table(FOUND_COLUMNS, rows, indent=0)
 
 
 def _row(one: NearestRun, requirements: Sequence[Requirement], holes: UnviolatedKinds, space: Space) -> list[Cell]:
     wrong = one.wrong
+    second = f"2nd {wrong.delay * space.tick:.3g} s later" if SEQUENCE_SEPARATOR in wrong.kind else ""
+    where = (second, f"on {wrong.body}" if wrong.body else "", offset_text(wrong.offset))
     return [
         ("! " if one.share < 0.0 else "? " if wrong.kind in holes.ended else "  ") + wrong.kind,
         _distance(one, min(requirements, key=lambda r: one.distances[r.name])),
@@ -208,16 +203,7 @@ def _row(one: NearestRun, requirements: Sequence[Requirement], holes: Unviolated
         f"{space.onset(wrong):.3f} s",
         wrong.target,
         one.run,
-        " ".join(
-            filter(
-                None,
-                (
-                    f"2nd {wrong.delay * space.tick:.3g} s later" if SEQUENCE_SEPARATOR in wrong.kind else "",
-                    f"on {wrong.body}" if wrong.body else "",
-                    offset_text(wrong.offset),
-                ),
-            )
-        ),
+        " ".join(filter(None, where)),
     ]
 
 

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 from twin.kernel.errors import InputRefused
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import FAULT_KINDS, GLITCH_SHARE, Fault, checked_faults, expected_names
+from twin.robot.experiment.together import fault_values
 
 
 @dataclass(frozen=True)
@@ -35,22 +37,14 @@ def cases(
             raise InputRefused(f"--onset {onset:g}: outside the experiment; expected 0 <= S < {end:g}")
     if duration is not None and not duration > 0.0:
         raise InputRefused(f"--duration {duration:g}: a fault lasts longer than 0 s; without it, to the end")
-    return tuple(
-        Case(magnitude, _fault(experiment, kind, magnitude, onset, duration))
-        for kind in kinds
-        for magnitude in FAULT_KINDS[kind].magnitudes or (None,)
-        for onset in onsets
-    )
-
-
-def _fault(experiment: Experiment, kind: str, magnitude: float | None, onset: float, duration: float | None) -> Fault:
-    known = FAULT_KINDS[kind]
-    table: dict[str, Any] = {"kind": kind, "onset_s": onset}
-    if duration is not None:
-        table["duration_s"] = duration
-    if known.magnitude_key:
-        table[known.magnitude_key] = magnitude
-    return faults_of(experiment, [with_share(table)])[0]
+    found = []
+    for kind in kinds:
+        known = FAULT_KINDS[kind]
+        for magnitude, onset in product(known.magnitudes or (None,), onsets):
+            table = with_share(fault_values(kind, known.targets[0], magnitude, onset))
+            table |= {} if duration is None else {"duration_s": duration}
+            found.append(Case(magnitude, faults_of(experiment, [table])[0]))
+    return tuple(found)
 
 
 def with_share(table: dict[str, Any]) -> dict[str, Any]:

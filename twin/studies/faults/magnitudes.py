@@ -61,8 +61,7 @@ def directions(kind: str) -> tuple[float, ...]:
 
 
 def magnitude_between(kind: str, share: float, tick: float, slowest: float | None = None) -> float | None:
-    """Compute the magnitude of a fault kind at a share of its range, interpolated geometrically; None for kinds without
-    a magnitude.
+    """Compute the magnitude of a fault kind at a share of its range, by ratio; None for kinds without a magnitude.
 
     Args:
         share: 0 is the catalogue's smallest magnitude, 1 its largest, 2 the upper end; negative shares have the other

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from twin.robot.experiment.fault import FAULT_KINDS, NO_END_TICK, Fault
-from twin.robot.run.runs import Outcome
 from twin.studies.faults.cases import Case
-from twin.studies.faults.onsets import touching, true_force
+from twin.studies.faults.onsets import CONTACT_FORCE, true_force
 from twin.studies.faults.reaction import Reaction, reaction
 from twin.studies.faults.stage import Stage
 
@@ -64,12 +63,6 @@ class FaultRow:
         return bool(self.watched.reason)
 
     @property
-    def is_in_time(self) -> bool:
-        """Whether the monitor tripped before the peak of the force."""
-        seen = self.watched.seen
-        return seen is not None and seen <= self.watched.peak_delay
-
-    @property
     def is_largest(self) -> bool:
         magnitudes = FAULT_KINDS[self.kind].magnitudes
         return magnitudes is None or self.magnitude == magnitudes[-1]
@@ -86,7 +79,6 @@ class FaultRow:
 
     @property
     def misses_detection(self) -> bool:
-        """Whether the monitor missed a fault that the catalogue states as detected."""
         return self.expects_detection and not self.is_detected
 
     @property
@@ -108,7 +100,9 @@ class FaultRow:
     @property
     def matches_statement(self) -> bool:
         """Whether the run is as the catalogue states: no failure, and no undetectable fault detected in time."""
-        return not self.fails and not (FAULT_KINDS[self.kind].detection == "no" and self.is_in_time)
+        seen = self.watched.seen
+        in_time = seen is not None and seen <= self.watched.peak_delay
+        return not self.fails and not (FAULT_KINDS[self.kind].detection == "no" and in_time)
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -151,7 +145,7 @@ def matrix_rows(stage: Stage, cases: Sequence[Case]) -> Iterator[FaultRow]:
     """Run every fault of the matrix, and yield its row as soon as its runs are done."""
     experiment, force = stage.experiment, true_force(stage.healthy)
     assert experiment.monitor is not None
-    tick, limit, touches = experiment.cosim.tick, experiment.monitor.force_limit, touching(stage.healthy)
+    tick, limit = experiment.cosim.tick, experiment.monitor.force_limit
     with stage:
         for case in cases:
             fault = case.fault
@@ -162,17 +156,15 @@ def matrix_rows(stage: Stage, cases: Sequence[Case]) -> Iterator[FaultRow]:
                 target=fault.target,
                 magnitude=case.magnitude,
                 onset=fault.onset * tick,
-                in_contact=bool(touches[fault.onset]),
+                in_contact=bool(force[fault.onset] >= CONTACT_FORCE),
                 limit=limit,
                 healthy_peak=float(force[fault.onset :].max()),
                 watched=watched,
                 unwatched=unwatched,
                 stays=fault.end == NO_END_TICK,
             )
-            yield row if row.is_safe else replace(row, ideal=_ideal_peak(stage, fault, outcomes[0], limit))
-
-
-def _ideal_peak(stage: Stage, fault: Fault, watched: Outcome, limit: float) -> float:
-    """Compute the largest force (N) if power is cut when the true force of the run `watched` reaches `limit` (N)."""
-    at = fault.onset + int(np.argmax(true_force(watched)[fault.onset :] >= limit))
-    return stage.reaction((fault, Fault("power_off", "power", at))).peak
+            if not row.is_safe:
+                # the power is cut when the true force reaches the limit
+                at = fault.onset + int(np.argmax(true_force(outcomes[0])[fault.onset :] >= limit))
+                row = replace(row, ideal=stage.reaction((fault, Fault("power_off", "power", at))).peak)
+            yield row

@@ -55,10 +55,7 @@ def default_onsets(healthy: Outcome) -> tuple[int, int]:
     """Choose two default fault onsets from a healthy run: a tick in free motion and a tick in contact.
 
     The first is the middle of the descent to the first contact, the second the middle of the longest contact: the hold
-    of a press, the deepest part of a tap, the sweep of Fig. 4.
-
-    Raises:
-        InputRefused: the robot never touches the body.
+    of a press, the deepest part of a tap, the sweep of Fig. 4. A robot that never touches the body is refused.
     """
     contacts = _spans(touching(healthy))
     if len(contacts) == 0:
@@ -69,11 +66,6 @@ def default_onsets(healthy: Outcome) -> tuple[int, int]:
     descent = int(rests[-1]) + 1 if len(rests) else 0
     longest = contacts[np.argmax(contacts[:, 1] - contacts[:, 0])]
     return (descent + first) // 2, int(longest.sum()) // 2
-
-
-def onsets_of(experiment: Experiment, healthy: Outcome) -> tuple[float, ...]:
-    """Return the default fault onsets (s) of an experiment, from its healthy run."""
-    return tuple(tick * experiment.cosim.tick for tick in default_onsets(healthy))
 
 
 def _spans(true: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -6,16 +6,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import Fault
 from twin.robot.run.runs import Outcome, RunRequest, Runs
 from twin.studies.faults.cases import faults_of
 from twin.studies.faults.offsets import NO_OFFSET, moved_settings
-from twin.studies.faults.onsets import checked_healthy_run, onsets_of, touching
+from twin.studies.faults.onsets import checked_healthy_run, default_onsets, touching
 from twin.studies.faults.reaction import REACTION_SIGNALS, Reaction, reaction
 
 MAX_PASTS = 4
@@ -23,14 +20,12 @@ MAX_PASTS = 4
 
 
 class Stage:
-    """Experiment on one body at one place, for repeated runs with faults; a context manager that frees the states
-    shared by the runs.
+    """Experiment on one body at one place, for repeated runs with faults; a context manager frees their states.
 
     Runs with faults continue from the last state of the healthy run before the fault. Until the monitor acts, the robot
     without it has the same bits: if it never acts, the run also serves as the run without it.
 
     Args:
-        experiment: experiment without faults.
         body: name of the body; "" for the experiment's own.
         offset: offset of all tasks, x and y (m).
         settings: `key=value` applied to the experiment's file.
@@ -69,15 +64,11 @@ class Stage:
     @cached_property
     def onsets(self) -> tuple[float, ...]:
         """Onsets (s) of the faults to inject."""
-        return self._onsets or onsets_of(self.experiment, self.healthy)
+        return self._onsets or tuple(tick * self.experiment.cosim.tick for tick in default_onsets(self.healthy))
 
     def touches(self, onset: float) -> bool:
         """Check whether the healthy robot touches the body at `onset` (s)."""
-        return bool(self._touching[round(onset / self.experiment.cosim.tick)])
-
-    @cached_property
-    def _touching(self) -> NDArray[np.bool_]:
-        return touching(self.healthy)
+        return bool(touching(self.healthy)[round(onset / self.experiment.cosim.tick)])
 
     def run(self, faults: Sequence[Fault], watched: bool = True) -> Outcome:
         """Run with `faults`, with the monitor or without; raise `InputRefused` if a drive or fault does not fit."""

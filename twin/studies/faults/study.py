@@ -1,25 +1,17 @@
 """`twin faults`: the matrix of faults of an experiment."""
 
 from collections.abc import Sequence
-from enum import StrEnum
 from itertools import product
 from pathlib import Path
 from typing import Annotated
 
 from twin.studies.command import Argument, ArgumentValues, DriveName, Option, Say, Settings, study
+from twin.studies.faults import SetOfFaults
 from twin.studies.precheck import load_experiments
 from twin.studies.result import Result
 
 RESULTS_FOLDER = Path("results") / "faults"
 ROWS_FILE, MATRIX_FILE, PICTURE_FILE = "rows.jsonl", "matrix.json", "matrix.png"
-
-
-class SetOfFaults(StrEnum):
-    """Number of faults at once: a copy of `twin.studies.faults.together.FaultSet`, whose import slows down `--help`."""
-
-    SINGLE = "single"
-    COMMON = "common"
-    PAIRS = "pairs"
 
 
 def _rows_until_then(asked: ArgumentValues) -> str:
@@ -94,13 +86,13 @@ def faults(
     from twin.studies.faults.offsets import offsets
     from twin.studies.faults.stage import Stage, load_stage
     from twin.studies.faults.text import combination_result, draw_fault_matrix, fault_matrix_result
-    from twin.studies.faults.together import CombinationRow, FaultSet, combination_rows, combinations_of
+    from twin.studies.faults.together import CombinationRow, combination_rows, combinations_of
 
     folder = make_folder(out or RESULTS_FOLDER / experiment.stem)
     name, picture = experiment.stem, folder / PICTURE_FILE
     # absolute: an FMU may change the working directory
     home = folder.absolute()
-    wanted = [FaultSet(one) for one in sets] or list(FaultSet)
+    wanted = [SetOfFaults(one) for one in sets] or list(SetOfFaults)
     say("without any fault", 0.0)
     # rows are written one by one so that a crashing drive loses none of them
     with open_unbuffered(home / ROWS_FILE) as append:
@@ -112,7 +104,7 @@ def faults(
             planned = cases(stages[-1].experiment, chosen, stages[-1].onsets, duration)
         first = stages[0]
         # single faults on the first body
-        planned = cases(first.experiment, chosen, first.onsets, duration) if FaultSet.SINGLE in wanted else ()
+        planned = cases(first.experiment, chosen, first.onsets, duration) if SetOfFaults.SINGLE in wanted else ()
         begin = [(onset, stage.touches(onset)) for stage in stages for onset in stage.onsets]
         total = len(planned) + sum(len(combinations_of(kind, *at, kinds)) for kind in wanted for at in begin)
         rows: list[FaultRow] = []
@@ -124,7 +116,7 @@ def faults(
         for stage in stages:
             for found in combination_rows(stage, wanted, kinds):
                 together.append(found)
-                append(json_text(found.to_dict()) + "\n")
+                append(json_text(found) + "\n")
                 say(f"{len(rows) + len(together)} of {total} cases", (len(rows) + len(together)) / total)
     if not rows:
         result = combination_result(name, together, wanted, complete)

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twin.kernel.serialise import to_dict
 from twin.robot.experiment.fault import FAULT_KINDS
+from twin.studies.faults import SetOfFaults
 from twin.studies.faults.matrix import FORCE_ALLOWANCE, MAX_IDEAL_SHARE, FaultRow
 from twin.studies.faults.offsets import NO_OFFSET
-from twin.studies.faults.together import MAX_PEAK_SHARE, CombinationRow, FaultSet
+from twin.studies.faults.together import MAX_PEAK_SHARE, CombinationRow
 from twin.studies.figure import BARE_STYLE, INK, LESS_IS_BETTER, LIGHT_IS_GOOD, VERMILION, Axes, picture
 from twin.studies.result import Block, Column, Note, Result, Table, count_text
 
@@ -27,6 +29,7 @@ UNIT_TEXTS = {
     "Nm_s_per_rad": "Nms/rad",
 }
 """Units of the catalogue as people write them, where that differs."""
+SET_TITLES = {SetOfFaults.COMMON: "common causes", SetOfFaults.PAIRS: "pairs"}
 SINGULAR_FORCE = 100.0
 """Force (N) beyond which the mechanism is near its singular pose, and larger forces are no forecast."""
 FAULT_COLUMNS = (
@@ -55,10 +58,8 @@ MOVED_COLUMNS = (
     Column("at mm", 7, left=True),
     *COMBINATION_COLUMNS[2:],
 )
-"""The same, where the tasks were moved, too."""
 MAX_SHOWN = 5
 """Maximum number of kinds, common causes and pairs in the text without `--all`, those with the largest force."""
-EXCESS_COLOR = VERMILION
 MAX_SHADE = 2.0
 """Peak over force limit at the end of the colour scale."""
 SIZE_COUNT = 3
@@ -108,28 +109,27 @@ def fault_matrix_result(
     parts += [*_exceptions(rows, complete), *combination_blocks(together, complete), ""]
     if not complete:
         parts += [f"{len(shown)} of {count_text(len(kinds), 'kind')}; --all prints every kind and every exception"]
-    facts = {"experiment": experiment, "rows": [row.to_dict() for row in rows]}
-    facts["together"] = [row.to_dict() for row in together]
+    facts = {"experiment": experiment, "rows": [row.to_dict() for row in rows], "together": to_dict(together)}
     return Result(Note(verdict, later=4), parts, facts, {"picture": picture}, label=0, exit_code=int(failing))
 
 
 def combination_result(
-    experiment: str, rows: Sequence[CombinationRow], wanted: Sequence[FaultSet], complete: bool = False
+    experiment: str, rows: Sequence[CombinationRow], wanted: Sequence[SetOfFaults], complete: bool = False
 ) -> Result:
     failing = sum(row.fails for row in rows)
-    names = " and ".join({FaultSet.COMMON: "common causes", FaultSet.PAIRS: "pairs"}.get(one, one) for one in wanted)
+    names = " and ".join(SET_TITLES.get(one, one) for one in wanted)
     verdict = (
         f"{experiment}  {'FAILED' if failing else 'as stated'}: {len(rows) - failing} of "
         f"{count_text(len(rows), 'case')} of {names} below their limits."
     )
-    facts = {"experiment": experiment, "rows": [], "together": [row.to_dict() for row in rows]}
+    facts = {"experiment": experiment, "rows": [], "together": to_dict(rows)}
     return Result(Note(verdict, later=4), combination_blocks(rows, complete), facts, exit_code=int(failing > 0))
 
 
 def combination_blocks(rows: Sequence[CombinationRow], complete: bool = False) -> list[Block]:
     """Format the worst rows of each list of combined faults, and the number of failures."""
     blocks: list[Block] = []
-    for kind, title in ((FaultSet.COMMON, "common causes"), (FaultSet.PAIRS, "pairs")):
+    for kind, title in SET_TITLES.items():
         of_kind = sorted((row for row in rows if row.faults.kind is kind), key=lambda row: -row.watched.peak)
         if not of_kind:
             continue
@@ -262,9 +262,7 @@ def draw_fault_matrix(experiment: str, rows: Sequence[FaultRow], path: Path) -> 
         marks = [
             Line2D([], [], ls="", marker="o", color=INK, ms=4, label="seen by the monitor"),
             Line2D([], [], ls="", marker="x", color=INK, ms=5, label="run ended there: a component failed"),
-            Rectangle(
-                (0, 0), 1, 1, fill=False, ec=EXCESS_COLOR, lw=2.2, label=f"beyond {FORCE_ALLOWANCE:g} of the limit"
-            ),
+            Rectangle((0, 0), 1, 1, fill=False, ec=VERMILION, lw=2.2, label=f"beyond {FORCE_ALLOWANCE:g} of the limit"),
         ]
         figure.legend(handles=marks, loc="outside lower center", ncols=3)
 
@@ -273,13 +271,15 @@ def _draw_cell(axes: Axes, shade: "ScalarMappable", row: FaultRow, watched: bool
     from matplotlib.patches import Rectangle
 
     run, safe = (row.watched, row.is_safe) if watched else (row.unwatched, row.is_safe_without_monitor)
-    wide = SIZE_COUNT if row.magnitude is None else 1
-    left = onset * SIZE_COUNT + (0 if row.magnitude is None else _size(row))
+    place, wide = 0, SIZE_COUNT
+    if row.magnitude is not None:
+        place, wide = (FAULT_KINDS[row.kind].magnitudes or ()).index(row.magnitude), 1
+    left = onset * SIZE_COUNT + place
     r, g, b, _ = color = shade.to_rgba(np.array([run.peak / row.limit]))[0]
     axes.add_patch(Rectangle((left, line), wide, 1, fc=color, ec="white", lw=0.6))
     if not safe:
         axes.add_patch(
-            Rectangle((left + 0.06, line + 0.08), wide - 0.12, 0.84, fill=False, ec=EXCESS_COLOR, lw=2.2, zorder=3)
+            Rectangle((left + 0.06, line + 0.08), wide - 0.12, 0.84, fill=False, ec=VERMILION, lw=2.2, zorder=3)
         )
     ink = INK if 0.299 * r + 0.587 * g + 0.114 * b > 0.5 else "white"
     middle = left + 0.5 * wide
@@ -288,10 +288,6 @@ def _draw_cell(axes: Axes, shade: "ScalarMappable", row: FaultRow, watched: bool
         axes.plot(middle + 0.36, line + 0.5, ls="", marker="x", color=ink, ms=4.5)
     elif run.reason:
         axes.plot(middle + 0.36, line + 0.5, ls="", marker="o", color=ink, ms=3.5)
-
-
-def _size(row: FaultRow) -> int:
-    return (FAULT_KINDS[row.kind].magnitudes or ()).index(row.magnitude or 0.0)
 
 
 def _kind_text(of_kind: Sequence[FaultRow]) -> str:

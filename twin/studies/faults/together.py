@@ -5,11 +5,9 @@ Each row has the peak with an ideal monitor, which cuts the power of all drives 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from itertools import product
 from typing import Any, Literal, NamedTuple
 
-from twin.kernel.serialise import to_dict
 from twin.robot.experiment.fault import FAULT_KINDS
 from twin.robot.experiment.together import (
     COMMON_CAUSES,
@@ -21,6 +19,7 @@ from twin.robot.experiment.together import (
     expects_detection,
     fault_values,
 )
+from twin.studies.faults import SetOfFaults
 from twin.studies.faults.cases import faults_of, with_share
 from twin.studies.faults.magnitudes import directions
 from twin.studies.faults.matrix import MAX_IDEAL_SHARE
@@ -39,26 +38,16 @@ MATRIX_SLOW_SPEEDS = (0.4,)
 """Slow speeds (rad/s) that `twin faults` tries."""
 
 
-class FaultSet(StrEnum):
-    """Number of simultaneous faults: one, a common cause, a pair, or an ordered pair."""
-
-    SINGLE = "single"
-    COMMON = "common"
-    PAIRS = "pairs"
-
-
 class FaultCombination(NamedTuple):
     """Combination of faults that begin together, or one after the other.
 
     Attributes:
-        kind: list that the faults are from.
-        cause: common cause; None for pairs.
-        magnitude: magnitude of a common cause in the catalogue's unit; None for pairs.
+        cause, magnitude: common cause and its magnitude in the catalogue's unit; None for pairs.
         delay: delay of the second fault (s) after the trip of the first, or after its onset without a trip; None if all
             begin together.
     """
 
-    kind: FaultSet
+    kind: SetOfFaults
     name: str
     tables: tuple[dict[str, Any], ...]
     cause: CommonCause | None = None
@@ -75,7 +64,7 @@ def common_causes(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultComb
             for sign in directions(cause.kind):
                 size = None if magnitude is None else sign * magnitude
                 tables = (with_share(fault_values(cause.kind, cause.target, size, onset)),)
-                yield FaultCombination(FaultSet.COMMON, f"{cause.kind}, {cause.target}", tables, cause, size)
+                yield FaultCombination(SetOfFaults.COMMON, f"{cause.kind}, {cause.target}", tables, cause, size)
 
 
 def pairs(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultCombination]:
@@ -84,7 +73,7 @@ def pairs(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultCombination]
         if not kinds or {part.kind for part in pair} <= set(kinds):
             for sizes in product(*map(_signed_sizes, pair)):
                 tables = tuple(fault_values(p.kind, p.target, size, onset) for p, size in zip(pair, sizes, strict=True))
-                yield FaultCombination(FaultSet.PAIRS, " + ".join(part.kind for part in pair), tables)
+                yield FaultCombination(SetOfFaults.PAIRS, " + ".join(part.kind for part in pair), tables)
 
 
 def slowest(kind: str, later: bool) -> float | None:
@@ -116,7 +105,7 @@ def ordered_pairs(
                 fault_values(first.kind, first.target, size, onset),
                 fault_values(second.kind, second.target, later, onset),
             )
-            yield FaultCombination(FaultSet.PAIRS, f"{first.kind}, then {second.kind}", tables, delay=delay)
+            yield FaultCombination(SetOfFaults.PAIRS, f"{first.kind}, then {second.kind}", tables, delay=delay)
 
 
 @dataclass(frozen=True)
@@ -139,6 +128,12 @@ class CombinationRow:
     unwatched: Reaction
     ideal: float | None
 
+    JSON_KEYS = (
+        "set=faults.kind name=faults.name fault=faults.tables body=stage.body offset_m=stage.offset onset_s=onset "
+        "in_contact after_trip_s=faults.delay limit_N=limit bound_N=force_bound ideal_peak_N=ideal "
+        "detectable=expects_detection verdict failed=fails with_monitor=watched without_monitor=unwatched"
+    )
+
     @property
     def is_detected(self) -> bool:
         return bool(self.watched.reason)
@@ -160,7 +155,6 @@ class CombinationRow:
 
     @property
     def misses_detection(self) -> bool:
-        """Whether the monitor missed combined faults that are stated as detected."""
         return self.expects_detection and not self.is_detected
 
     @property
@@ -172,39 +166,19 @@ class CombinationRow:
     def fails(self) -> bool:
         return self.verdict != "kept"
 
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "set": str(self.faults.kind),
-            "name": self.faults.name,
-            "fault": list(self.faults.tables),
-            "body": self.stage.body,
-            "offset_m": list(self.stage.offset),
-            "onset_s": self.onset,
-            "in_contact": self.in_contact,
-            "after_trip_s": self.faults.delay,
-            "limit_N": self.limit,
-            "bound_N": self.force_bound,
-            "ideal_peak_N": self.ideal,
-            "detectable": self.expects_detection,
-            "verdict": self.verdict,
-            "failed": self.fails,
-            "with_monitor": to_dict(self.watched),
-            "without_monitor": to_dict(self.unwatched),
-        }
 
-
-def combinations_of(kind: FaultSet, onset: float, in_contact: bool, kinds: Sequence[str]) -> list[FaultCombination]:
+def combinations_of(kind: SetOfFaults, onset: float, in_contact: bool, kinds: Sequence[str]) -> list[FaultCombination]:
     """List a kind's combinations, empty for single faults; ordered pairs begin in contact, the worse case."""
-    if kind is FaultSet.PAIRS:
+    if kind is SetOfFaults.PAIRS:
         ordered = ordered_pairs(onset, kinds, MATRIX_DELAYS, MATRIX_SLOW_SPEEDS) if in_contact else ()
         return [*pairs(onset, kinds), *ordered]
-    return list(common_causes(onset, kinds)) if kind is FaultSet.COMMON else []
+    return list(common_causes(onset, kinds)) if kind is SetOfFaults.COMMON else []
 
 
-def combination_rows(stage: Stage, wanted: Sequence[FaultSet], kinds: Sequence[str]) -> Iterator[CombinationRow]:
+def combination_rows(stage: Stage, wanted: Sequence[SetOfFaults], kinds: Sequence[str]) -> Iterator[CombinationRow]:
     """Run the combinations of faults on a stage, and yield one row per combination as soon as its runs are done."""
     with stage:
-        for kind in (FaultSet.COMMON, FaultSet.PAIRS):
+        for kind in (SetOfFaults.COMMON, SetOfFaults.PAIRS):
             for onset in stage.onsets:
                 for one in combinations_of(kind, onset, stage.touches(onset), kinds) if kind in wanted else ():
                     yield combination_row(stage, one, onset)

@@ -8,8 +8,7 @@ MEASURE_SERIES = {
     "lateral error": ("plant.p_B", "controller.p_ref_B"),
     "the estimated position": ("plant.p_B", "estimator.p_B"),
 }
-"""Measure of a report, used to compare runs -> series that the measure needs. The measures of a held force give their
-own reasons when missing."""
+"""Measure that compares runs -> series that it needs; measures of a held force give their own reasons when missing."""
 FIG4_SERIES = (
     "plant.p_B", "plant.F_ee_B", "scale.F_z", "estimator.p_B", "estimator.F_ee_B", "controller.p_ref_B",
     "controller.p_cmd_B", "controller.F_z", "controller.F_z_ref", "controller.triggered",

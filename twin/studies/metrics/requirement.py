@@ -7,13 +7,14 @@ time proportional to the run's length (Donze, Ferrere and Maler 2013).
 """
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.recording.messages import Field
 from twin.kernel.units import known_unit
 from twin.robot.experiment.measure import (
     BooleanOp,
@@ -27,9 +28,7 @@ from twin.robot.experiment.measure import (
     UntilFormula,
     parse_requirement,
 )
-
-Curve = NDArray[np.float64]
-
+from twin.studies.metrics.response import Curve
 
 SignalValues = Callable[[str], NDArray]
 """Values of a signal at every tick, by `topic.field`, such as `Trace.held`."""
@@ -110,26 +109,12 @@ def _term(term: Term, held: SignalValues) -> Curve:
     return values if term.index is None else values[:, term.index]
 
 
-class SignalInfo(Protocol):
-    """Shape and unit of a recorded signal, known before a run: the part of `Field` that a formula needs."""
-
-    @property
-    def size(self) -> int: ...
-    @property
-    def kind(self) -> str: ...
-    @property
-    def unit(self) -> str: ...
-
-
-def checked_requirement(text: str, signals: Mapping[str, SignalInfo]) -> tuple[Formula, str]:
+def checked_requirement(text: str, signals: Mapping[str, Field]) -> tuple[Formula, str]:
     """Parse the formula in `text` and check it against the recorded signals. Return it and the SI unit of its distance,
     "1" without comparisons.
 
     Args:
         signals: `topic.field` -> signal of a run.
-
-    Raises:
-        InputRefused: invalid syntax, an unknown signal, or mixed units.
     """
     try:
         formula = parse_requirement(text)
@@ -144,7 +129,7 @@ def checked_requirement(text: str, signals: Mapping[str, SignalInfo]) -> tuple[F
     return formula, units.pop() if units else "1"
 
 
-def _units(formula: Formula, signals: Mapping[str, SignalInfo]) -> set[str]:
+def _units(formula: Formula, signals: Mapping[str, Field]) -> set[str]:
     """Collect the SI units of all comparisons in `formula`; raise ValueError if it cannot be evaluated."""
     match formula:
         case Inequality(smaller, larger):
@@ -177,7 +162,7 @@ def _common(one: _Measure, other: _Measure) -> str:
     return one.unit
 
 
-def _measure(terms: Sum, signals: Mapping[str, SignalInfo]) -> _Measure:
+def _measure(terms: Sum, signals: Mapping[str, Field]) -> _Measure:
     found = [_of_term(term, signals) for term in terms]
     for one in found[1:]:
         _common(found[0], one)
@@ -186,7 +171,7 @@ def _measure(terms: Sum, signals: Mapping[str, SignalInfo]) -> _Measure:
     return found[0]
 
 
-def _of_term(term: Term, signals: Mapping[str, SignalInfo]) -> _Measure:
+def _of_term(term: Term, signals: Mapping[str, Field]) -> _Measure:
     if isinstance(term.value, tuple):
         return _measure(term.value, signals)._replace(size=1)
     if not isinstance(term.value, str):
@@ -200,7 +185,7 @@ def _of_term(term: Term, signals: Mapping[str, SignalInfo]) -> _Measure:
     return _Measure(signal.size if term.index is None else 1, unit.si if unit else signal.unit)
 
 
-def _signal_info(name: str, signals: Mapping[str, SignalInfo]) -> SignalInfo:
+def _signal_info(name: str, signals: Mapping[str, Field]) -> Field:
     if name not in signals:
         raise ValueError(f"no such signal as {name}; {nearest(name, signals, 'there are {}', 3)}")
     return signals[name]

@@ -26,8 +26,7 @@ MIN_PERIODS = 4
 """Minimum number of periods of the slowest swing in a window: half the width of a Hann window's main lobe is
 2 / window, so the remainder of a drift has decayed at that frequency."""
 PADDING_FACTOR = 8
-"""Padded length by the window's length: a sine between two frequencies of the transform loses less than 0.3 % of its
-amplitude."""
+"""Padded length by the window's length: a sine between two frequencies loses less than 0.3 % of its amplitude."""
 
 
 def window_mask(t: Curve, start: float, end: float) -> NDArray[np.bool_]:

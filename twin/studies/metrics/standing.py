@@ -8,10 +8,10 @@ too: mean +- t s / sqrt(n), t the 97.5 % quantile of Student's distribution with
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from twin.robot.experiment.source import value_at
 from twin.robot.run.hold import TOUCH_GRACE
 from twin.robot.run.measures import HEADLINE_KEYS, LEAST_CHATTER, ROWS_BY_KEY, MeasureRow, Values, fixed_point
 
@@ -26,8 +26,6 @@ DECISIVE_KEYS = {
     "body": ("contact",),
 }
 """Aspect that must be equal in two compared experiments -> its keys."""
-
-
 MIXED_RANK = 2
 """Rank over several experiments: better in one and worse in another."""
 RANK_WORDS = {-1: "better in", 1: "worse in", 0: "the same in", MIXED_RANK: "now better, now worse in"}
@@ -160,15 +158,8 @@ def compare_single_runs(
     differing = [
         what
         for what, keys in DECISIVE_KEYS.items()
-        if any(len({repr(_value_at(e, key)) for e in experiments}) > 1 for key in keys)
+        if any(len({repr(value_at(e, key)) for e in experiments}) > 1 for key in keys)
     ]
     if differing:
         return f"{one} beside {other}: no verdict, another {' and another '.join(differing)}"
     return f"{standing_sentence(one, other, standing(*runs) if all(runs) else {})} (one run each)"
-
-
-def _value_at(values: Mapping, key: str) -> Any:
-    found: Any = values
-    for part in key.split("."):
-        found = found.get(part) if isinstance(found, Mapping) else None
-    return found

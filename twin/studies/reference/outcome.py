@@ -63,14 +63,6 @@ TOLERANCE_NOTE = (
 MAX_EXACT_INTEGER = 2.0**53
 """Limit of whole numbers: larger ones do not fit the doubles exchanged between components."""
 TRIAL_JOB = "twin.studies.reference.outcome:outcome_fields"
-OUTCOME_MEANINGS = {
-    "agrees": "it reproduced the results",
-    "differs": "it deviated from the results",
-    "ran": "it ran to the end, without results to compare",
-    "refused": "something was refused before it ran",
-    "failed": "it could not be initialised, or returned an error, NaN or infinity",
-    "lost": "its process crashed, hung or outgrew its limits",
-}
 BAD_OUTCOMES = ("lost", "failed", "differs", "refused")
 """Outcomes that fail, worst first."""
 
@@ -195,7 +187,6 @@ def _cross_check_trials(file: Path) -> list[Trial]:
 
 
 def read_trial(file: Path, trial: Trial, description: FmuDescription) -> TrialFiles:
-
     def read(name: str) -> tuple[bytes, str]:
         if trial.inside:
             return read_entry(file, name), f"{file.name}: {PurePosixPath(name).name}"
@@ -268,12 +259,7 @@ def bare_run(description: FmuDescription, trial: Trial, files: TrialFiles, ended
     """Run an FMU by itself in its default experiment; without a stop time, until the end of the reference results.
 
     Args:
-        files: inputs and results of the experiment.
         ended: callback, called with the run before the FMU is freed, which crashes some FMUs.
-
-    Raises:
-        InputRefused: a step, duration or input is invalid.
-        ComponentFailed: the FMU cannot be loaded or initialised.
     """
     step, last = _steps(description, trial, files.results)
     outputs, unknown = _output_ports(description, files.results)
@@ -358,10 +344,8 @@ def _sample_inputs(inputs: list[FmuPort], stimuli: Series | None, t: Curve) -> n
     """Sample an FMU's inputs at the times `t`, (times, inputs): real numbers linearly, whole numbers held."""
     if stimuli is None:
         return np.zeros((len(t), 0))
-    columns = [
-        (stimuli.interpolate_at if _continuous(p.variable) else stimuli.hold_at)(p.variable.name, t) for p in inputs
-    ]
-    return np.column_stack(columns)
+    sample = {True: stimuli.interpolate_at, False: stimuli.hold_at}
+    return np.column_stack([sample[_continuous(p.variable)](p.variable.name, t) for p in inputs])
 
 
 def _continuous(variable: Variable) -> bool:
@@ -398,7 +382,12 @@ def deviations(run: BareRun, results: Series) -> list[SignalDeviation]:
 
 @dataclass(frozen=True)
 class ReferenceOutcome:
-    """Outcome of a reference experiment: key of `OUTCOME_MEANINGS`, deviations by signal in tolerances."""
+    """Outcome of a reference experiment, with the deviations by signal in tolerances.
+
+    Attributes:
+        word: "agrees" or "differs", "ran" without results to compare, "refused" before it ran, "failed", or "lost" if
+            its process crashed, hung or outgrew its limits.
+    """
 
     experiment: str
     word: str

@@ -46,7 +46,7 @@ class EvidenceRun:
     settings: tuple[str, ...]
     tables: tuple[dict[str, Any], ...]
     seed: int
-    watched: Reaction | None
+    watched: Reaction | None = None
     unwatched: Reaction | None = None
     ideal: Reaction | None = None
     found: Origin = "grid"
@@ -64,13 +64,9 @@ class EvidenceRun:
         return hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()[:12]
 
     def command(self, experiment: str) -> str:
-        tables = ", ".join("{" + ", ".join(f"{k}={_toml(v)}" for k, v in one.items()) + "}" for one in self.tables)
+        tables = ", ".join("{" + ", ".join(f"{k}={json.dumps(v)}" for k, v in one.items()) + "}" for one in self.tables)
         words = [f"twin run {experiment}", f"--body {self.body}", *(f"--set '{text}'" for text in self.settings)]
         return " ".join([*words, f"--set 'fault=[{tables}]'"])
-
-
-def _toml(value: Any) -> str:
-    return json.dumps(value)
 
 
 @dataclass(frozen=True)
@@ -78,7 +74,6 @@ class HazardLine:
     """Line of the hazard table with its evidence: all runs, and the distances from violating a requirement.
 
     Attributes:
-        hazard: content of the line in the table: causes, limit, control measure.
         runs: all runs: the grid of causes, then the search for a worse case, then random draws.
         distances: distance of the healthy robot from violating a requirement (SI), negative if violated; the key names
             formula, body and offset.
@@ -108,12 +103,9 @@ class HazardLine:
     @property
     def worst(self) -> EvidenceRun | None:
         """Worst run of the line by the limited quantity, among runs that did not fail; None without such a run."""
-        made = [run for run in self.runs if run.watched is not None]
-        return max(
-            made,
-            key=lambda run: (self.limited_value(run.watched), run.watched.peak) if run.watched else (0.0, 0.0),
-            default=None,
-        )
+        made = [(run, run.watched) for run in self.runs if run.watched is not None]
+        worst = max(made, key=lambda pair: (self.limited_value(pair[1]), pair[1].peak), default=None)
+        return worst and worst[0]
 
     @property
     def value(self) -> float:
@@ -196,11 +188,19 @@ def _share_to_dict(share: tuple[int, int]) -> dict[str, Any] | None:
     return {"count": share[0], "of": share[1], "interval": list(interval(share))} if share[1] else None
 
 
+def failed_run(
+    stage: Stage, cause: Cause | str, failure: str, tables: Sequence[dict[str, Any]] = (), found: Origin = "grid"
+) -> EvidenceRun:
+    """Return the record of a run on a stage that failed, or that is still to be made."""
+    seed = stage.experiment.seed
+    return EvidenceRun(str(cause), stage.body, stage.settings, tuple(tables), seed, found=found, failure=failure)
+
+
 def run_of(
     stage: Stage, cause: Cause, tables: Sequence[dict[str, Any]], found: Origin = "grid", delay: float = 0.0
 ) -> EvidenceRun:
     """Run a cause with the monitor, a random draw also without; a refused or failed run is kept as failed."""
-    one = EvidenceRun(str(cause), stage.body, stage.settings, tuple(tables), stage.experiment.seed, None, found=found)
+    one = failed_run(stage, cause, "", tables, found)
     try:
         if cause.ordered:
             one = replace(one, tables=stage.delay_second(tables, delay))

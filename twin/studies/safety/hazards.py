@@ -1,7 +1,6 @@
 """Hazard table of a TOML file, after the structure of ISO 14971: hazard, harm, causes, limit, control, evidence.
 
-Every table is checked before the first run: a hazard without evidence, a limit without a unit and an unknown cause are
-refused by name.
+Every table is checked before the first run.
 """
 
 from collections.abc import Mapping, Sequence
@@ -120,13 +119,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class Hazard:
-    """Hazard, a line of the hazard table.
-
-    Attributes:
-        causes: at least one cause.
-        limit_key: key of `LIMIT_KINDS`; "" if all causes are requirements.
-        limit: limit in the unit of its key.
-    """
+    """Line of the hazard table; `limit` is in the unit of `limit_key`, "" if all causes are requirements."""
 
     table: HazardTable
     causes: tuple[Cause, ...]

@@ -25,6 +25,7 @@ from twin.studies.safety.evidence import (
     Origin,
     Stages,
     add_reference_runs,
+    failed_run,
     run_of,
     tables_of,
 )
@@ -43,7 +44,7 @@ def line_of(
     hazard: Hazard, stages: Stages, head_area: float, say: Callable[[str], None]
 ) -> tuple[HazardLine, Stage | None]:
     """Make all runs of a hazard. Return its line, and the stage of its worst run (None without runs)."""
-    made: list[tuple[EvidenceRun, Stage | None]] = []
+    made: list[MadeRun] = []
     distances: dict[str, float] = {}
     causes: dict[int, Cause] = {}
     for body in hazard.evidence.bodies:
@@ -52,7 +53,7 @@ def line_of(
             try:
                 stage = stages(body, point)
             except TwinError as problem:
-                made.append((EvidenceRun("healthy", body, (), (), 0, None, failure=str(problem)), None))
+                made.append((EvidenceRun("healthy", body, (), (), 0, failure=str(problem)), None))
                 continue
             for cause, sizes, onset, delay in _cases(hazard, stage):
                 causes[len(made)] = cause
@@ -100,8 +101,7 @@ def _distance(stage: Stage, formula: str) -> tuple[dict[str, float], list[Eviden
         run = run_in_memory(stage.experiment)
         return {f"{formula} on {stage.body}{where}": distance(checked, run.tick, run.held)}, []
     except TwinError as problem:
-        seed = stage.experiment.seed
-        return {}, [EvidenceRun(formula, stage.body, stage.settings, (), seed, None, failure=str(problem))]
+        return {}, [failed_run(stage, formula, str(problem))]
 
 
 def search_runs(
@@ -112,14 +112,11 @@ def search_runs(
     worst: EvidenceRun,
     measured: Callable[[Reaction], float],
 ) -> Iterator[MadeRun]:
-    """Search for a run worse than `worst`, on its body and of its cause, and yield all runs made.
+    """Search for a run worse than `worst`, as `measured`, on its body and of its cause, and yield all runs made.
 
     Varied are the time over the whole run, the magnitude (between the catalogue's smallest and largest) and direction
     of each fault, the delay after the trip of an ordered cause, and the place within reach: first everywhere, then near
     the worst run until then. The points are a Halton sequence, scrambled by the seed of the evidence.
-
-    Args:
-        measured: returns the limited quantity.
     """
     budget, reach = hazard.evidence.search, hazard.evidence.reach
     wide = 1 + len(cause.faults) + cause.ordered + (2 if reach else 0)
@@ -196,8 +193,8 @@ def _make_run(
     """Make the run at `numbers` (0 .. 1: time, faults, delay if ordered, place); None for an unreachable place."""
     time, *rest = (float(number) for number in numbers)
     experiment, reach = stage.experiment, hazard.evidence.reach
-    onset = float(f"{round(time * (experiment.duration_ticks - 1)) * experiment.cosim.tick:.12g}")
     tick = experiment.cosim.tick
+    onset = float(f"{round(time * (experiment.duration_ticks - 1)) * tick:.12g}")
     sizes = [
         magnitude_between(
             kind, 2.0 * share - 1.0 if has_two_ways(kind) else share, tick, slowest(kind, cause.ordered and number == 1)
@@ -214,14 +211,5 @@ def _make_run(
             return None
         except TwinError as problem:
             # a healthy robot that trips or fails there
-            return EvidenceRun(
-                str(cause),
-                stage.body,
-                stage.settings,
-                tuple(tables),
-                experiment.seed,
-                None,
-                found=found,
-                failure=str(problem),
-            ), None
+            return failed_run(stage, cause, str(problem), tables, found), None
     return run_of(stage, cause, tables, found, delay), stage

@@ -36,8 +36,8 @@ code{font-size:.8rem;overflow-wrap:anywhere}img{max-width:100%}details{margin:.5
 @media print{body{max-width:none;margin:0}h2{break-after:avoid}tr,img{break-inside:avoid}details>*{display:block}
 img{max-height:24cm}.runs table,.runs td code{font-size:.5rem}.runs td,.runs th{padding:.05rem .12rem}}
 """
+OVERVIEW_HEAD = ("", "hazard", "limit", "worst", "ideal monitor", "without monitor", "seen", "status")
 MIN_PUBLISHED = 2
-"""Minimum number of published pain thresholds of a table."""
 SECURITY_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 STATUS_CLASSES = {"kept": "kept", "exceeded": "exceeded", "exceeded as stated": "stated", "failed": "failed"}
 
@@ -59,18 +59,14 @@ def hazard_page(
             f"<p><b>Intended use</b>: {escape(table.head.use)}</p>",
             f"<p><code>{escape(made_with)}</code></p>",
             "<h2>What a reviewer still has to do</h2>",
-            _list(REVIEWER_TASKS),
+            "<ol>" + "".join(f"<li>{escape(task)}</li>" for task in REVIEWER_TASKS) + "</ol>",
             "<h2>All lines</h2>",
-            _overview(lines),
+            _table(OVERVIEW_HEAD, [list(_summary(line)) for line in lines]),
             *(_picture(title, path) for title, path in pictures),
             *(part for line in lines for part in _line(table, line)),
             "</body></html>",
         ]
     )
-
-
-def _list(sentences: Sequence[str]) -> str:
-    return "<ol>" + "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences) + "</ol>"
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -95,19 +91,11 @@ def _status(line: HazardLine) -> str:
     return f'<span class="{STATUS_CLASSES[line.status]}">{line.status}</span>'
 
 
-def _overview(lines: Sequence[HazardLine]) -> str:
-    head = ("", "hazard", "limit", "worst", "ideal monitor", "without monitor", "seen", "status")
-    return _table(head, [list(_summary(line)) for line in lines])
-
-
 def _summary(line: HazardLine) -> Iterator[str]:
-    worst = line.worst
     yield f'<a href="#{escape(line.hazard.table.id)}">{escape(line.hazard.table.id)}</a>'
     yield escape(line.hazard.table.hazard)
     yield escape(line.hazard.limit_text)
-    yield value_text(line, worst.watched if worst else None)
-    yield value_text(line, worst.ideal if worst else None)
-    yield value_text(line, worst.unwatched if worst else None)
+    yield from worst_texts(line)
     yield seen_text(line)
     yield _status(line)
 
@@ -118,11 +106,12 @@ def seen_text(line: HazardLine) -> str:
     return f"{seen} of {made}" if made else "-"
 
 
-def value_text(line: HazardLine, run: Reaction | None) -> str:
-    if run is None:
-        return "-"
-    value, unit = line.limited_value(run), line.hazard.limit_key.rpartition("_")[2]
-    return "to the end" if math.isinf(value) else f"{value:.3g} {unit}"
+def worst_texts(line: HazardLine) -> list[str]:
+    """Format the limited quantity of the line's worst run: with the monitor, with an ideal one, and without."""
+    worst, unit = line.worst, line.hazard.limit_key.rpartition("_")[2]
+    runs = (worst.watched, worst.ideal, worst.unwatched) if worst else (None,) * 3
+    values = [None if run is None else line.limited_value(run) for run in runs]
+    return ["-" if v is None else "to the end" if math.isinf(v) else f"{v:.3g} {unit}" for v in values]
 
 
 def _line(table: SafetyTable, line: HazardLine) -> Iterator[str]:
@@ -155,7 +144,6 @@ def _worst(table: SafetyTable, line: HazardLine, worst: EvidenceRun, run: Reacti
         else f"found by {'the search' if worst.found == 'search' else 'a draw'}, {line.search_count} runs of search"
     )
     yield f"<h3>Worst run: {escape(worst.cause)} on {escape(worst.body)} ({how})</h3>"
-    without = worst.unwatched
     named = {
         "seen (s)": lambda one: one.seen,
         "reaction at the drives (s)": lambda one: one.acted,
@@ -168,18 +156,16 @@ def _worst(table: SafetyTable, line: HazardLine, worst: EvidenceRun, run: Reacti
         "pressure over the head (kPa)": lambda one: _pressure(line, one),
     }
     # an ideal monitor sees when this one does, and cuts all power at once
-    runs = (run, worst.ideal, without)
+    runs = (run, worst.ideal, worst.unwatched)
     rows = [(name, *("-" if one is None else _number(value(one)) for one in runs)) for name, value in named.items()]
     yield _table(("from the onset on", "with monitor", "ideal: all power cut when seen", "without"), rows)
-    if without is not None and without.failure:
-        yield f"<p>Without the monitor the run ends early: {escape(without.failure)}</p>"
+    if worst.unwatched is not None and worst.unwatched.failure:
+        yield f"<p>Without the monitor the run ends early: {escape(worst.unwatched.failure)}</p>"
     pressure = _pressure(line, run)
-    against = [
-        (escape(t.name), f"{t.pressure:g} kPa", f"{100 * pressure / t.pressure:.0f} %", escape(t.source))
-        if t.pressure
-        else (escape(t.name), f"{t.force:g} N", f"{100 * run.peak / (t.force or 1.0):.0f} %", escape(t.source))
-        for t in table.thresholds
-    ]
+    against = []
+    for one in table.thresholds:
+        level, unit, value = (one.pressure, "kPa", pressure) if one.pressure else (one.force or 1.0, "N", run.peak)
+        against.append((escape(one.name), f"{level:g} {unit}", f"{100 * value / level:.0f} %", escape(one.source)))
     if against:
         yield _table(("pain begins at", "threshold", "this run", "source"), against)
     published = sum(t.has_publication for t in table.thresholds)

@@ -4,9 +4,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from twin.kernel.errors import TwinError
+from twin.kernel.errors import InputRefused, TwinError, nearest
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.mistakes import toml_keys
+from twin.robot.monitor.limits import Monitor
 from twin.studies.faults.cases import faults_of
 from twin.studies.faults.stage import Stage
 from twin.studies.figure import GREY, PAPER_BLUE, VERMILION, picture
@@ -63,10 +65,6 @@ def threshold_points(
 
 def nominal_value(path: Path, settings: Sequence[str], key: str) -> float:
     """Return the experiment's own value of a monitor threshold `key`, in the key's unit."""
-    from twin.kernel.errors import InputRefused, nearest
-    from twin.robot.experiment.mistakes import toml_keys
-    from twin.robot.monitor.limits import Monitor
-
     fields = {str(field.alias): field.default for field in Monitor.model_fields.values()}
     if not isinstance(fields.get(key), float):
         raise InputRefused(

@@ -57,9 +57,7 @@ def safety(
     facts: dict[str, Any] = {"lines": [], "sensitivity": []}
     all_lines: list[HazardLine] = []
     for table in tables:
-        folder = out or RESULTS_FOLDER / table.path.stem
-        if out and len(tables) > 1:
-            folder = out / table.path.stem
+        folder = out if out and len(tables) == 1 else (out or RESULTS_FOLDER) / table.path.stem
         lines, points = write_page(table, texts, folder, quick, say)
         all_lines += lines
         facts["lines"] += [line.to_dict() for line in lines]
@@ -102,14 +100,9 @@ def refuse_unusable(table: "SafetyTable", settings: Sequence[str]) -> None:
 def write_page(
     table: "SafetyTable", settings: Sequence[str], folder: Path, quick: bool, say: Say
 ) -> tuple[list["HazardLine"], list["ThresholdPoint"]]:
-    """Make the runs of a hazard table and write its page into `folder`.
+    """Make the runs of a hazard table, write its page into `folder`, and return lines and tried thresholds.
 
-    Args:
-        settings: `key=value` of the experiment, in addition to the table.
-        quick: without sensitivity and other hardware.
-
-    Returns:
-        The lines of the table, and the results of the tried monitor thresholds.
+    `settings` are the experiment's, in addition to the table.
     """
     from math import pi
 
@@ -126,7 +119,6 @@ def write_page(
     home = make_folder(folder).absolute()
     path = experiment_file(Path(table.head.experiment))
     known: dict[tuple[str, tuple[float, float]], Stage] = {}
-
     grid = {(body, point) for h in table.hazards for body in h.evidence.bodies for point in h.evidence.points}
 
     def robots(body: str, point: tuple[float, float]) -> Stage:

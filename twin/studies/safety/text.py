@@ -8,7 +8,7 @@ from typing import Any
 from twin.kernel.errors import InputRefused
 from twin.studies.result import Block, Column, Note, Result, Table, count_text
 from twin.studies.safety.evidence import HazardLine
-from twin.studies.safety.page import seen_text, value_text
+from twin.studies.safety.page import seen_text, worst_texts
 
 LINE_COLUMNS = (
     Column("", 4, left=True),
@@ -30,14 +30,10 @@ def lines_table(lines: Sequence[HazardLine]) -> Table:
     """Format the lines as a table: limit, worst run with monitor, ideal one and without, detected runs, status."""
     rows = []
     for line in lines:
-        worst = line.worst
-        values = [
-            value_text(line, run) for run in ((worst.watched, worst.ideal, worst.unwatched) if worst else (None,) * 3)
-        ]
-        limit, seen = line.hazard.limit_text.rpartition(" of ")[2], seen_text(line)
+        words, limit, seen = line.hazard.table, line.hazard.limit_text.rpartition(" of ")[2], seen_text(line)
         # nothing that the monitor did keeps a limit where it detected no run
         status = "kept unseen" if line.status == "kept" and seen.startswith("0 ") else line.status
-        rows.append((line.hazard.table.id, line.hazard.table.hazard, limit, *values, seen.replace(" of ", "/"), status))
+        rows.append((words.id, words.hazard, limit, *worst_texts(line), seen.replace(" of ", "/"), status))
     return Table(LINE_COLUMNS, rows, indent=0)
 
 

@@ -45,13 +45,9 @@ def join_fmus(fmus: Sequence[Path], lenient: bool = False) -> tuple[Package, lis
             f"{inputs}); write the wires into an OspSystemStructure.xml or an SSP"
         )
     parts = tuple(SspComponent(name, f"{name}.fmu") for name in names)
-    wires = tuple(Connection(_end(one.source), _end(one.target)) for one in sure)
+    ends = [(one.source.split(".", 1), one.target.split(".", 1)) for one in sure]
+    wires = tuple(Connection(Endpoint(*source), Endpoint(*target)) for source, target in ends)
     whole = "_".join(names)
     structure = Structure(whole, SspSystem(whole, parts, wires))
     files = {f"{name}.fmu": fmu for name, fmu in zip(names, fmus, strict=True)}
     return loose_package(Path(f"{whole}.ssp"), structure, files, FMUS_FORM), [one for one in found if one not in sure]
-
-
-def _end(name: str) -> Endpoint:
-    component, _, variable = name.partition(".")
-    return Endpoint(component, variable)

@@ -140,14 +140,12 @@ def system_result(came: Mapping[str, Any]) -> Result:
     when = "the end of the last step" if came["scheme"] == "jacobi" else "the last step, leading back in the order"
     unfed = [f"{name} = {value:g}" if isinstance(value, float) else f"{name} = {value}"
             for name, value in came["not_fed"].items()]  # fmt: skip
-    ignored, more = (
-        f"values that get to no variable: {join_names(came['ignored'], MAX_ROWS)}",
-        len(came["events"]) - MAX_EVENTS,
-    )
+    ignored = f"values that get to no variable: {join_names(came['ignored'], MAX_ROWS)}"
+    overruled, more = f"{join_names(came['overruled'], MAX_ROWS)}, by connections", len(came["events"]) - MAX_EVENTS
     late = f"{count_text(len(came['late']), 'connection')} with values of {when}: {join_names(came['late'], MAX_ROWS)}"
     start = f" from {came['start_s']:g} s on" if came["start_s"] else ""
     parts = [
-        note("system", f"{_form(came)}{count_text(came['connections'], 'connection')}", True),
+        note("system", f"{_form(came['form'], came['ssp'])}{count_text(came['connections'], 'connection')}", True),
         note(
             "coupling", f"{SCHEME_NAMES[came['scheme']]}, steps of {1e3 * came['tick_s']:g} ms by {came['tick_from']}"
         ),
@@ -158,11 +156,7 @@ def system_result(came: Mapping[str, Any]) -> Result:
         *(note("loop", _loop(one), True) for one in came["loops"]),
         *([note("not fed", join_names(unfed, MAX_ROWS), True)] if unfed else []),
         *([note("ignored", ignored, True)] if came["ignored"] else []),
-        *(
-            [note("overruled", f"{join_names(came['overruled'], MAX_ROWS)}, by connections", True)]
-            if came["overruled"]
-            else []
-        ),
+        *([note("overruled", overruled, True)] if came["overruled"] else []),
         *([note("unreadable", join_names(came["unreadable"], MAX_ROWS), True)] if came["unreadable"] else []),
         *(note("no effect", sentence, True) for sentence in came["without_effect"]),
         *(note("unsaid", sentence) for sentence in came["unsaid"]),
@@ -172,25 +166,22 @@ def system_result(came: Mapping[str, Any]) -> Result:
         *(note("event", f"{e['t_s']:.3f} s  {e['source']}: {e['text']}") for e in came["events"][:MAX_EVENTS]),
         *([note("event", f"and {more} more, see the recording")] if more > 0 else []),
     ]
-    headline = (
-        f"{Path(came['system']).stem}  {came['simulated_s']:g} s{start} at {came['real_time_factor']:.3g} x real time"
-    )
+    speed = f"{came['real_time_factor']:.3g} x real time"
+    headline = f"{Path(came['system']).stem}  {came['simulated_s']:g} s{start} at {speed}"
     return Result(headline, parts, came, {"recording": came["recording"]})
 
 
 def _loop(one: Mapping[str, Any]) -> str:
-    done = (
-        f"solved, {one['microseconds_per_step']:.2f} us"
-        if one["solved"]
-        else "not solved, one value late by a step; --loops solve"
-    )
+    done = "not solved, one value late by a step; --loops solve"
+    if one["solved"]:
+        done = f"solved, {one['microseconds_per_step']:.2f} us"
     unstated = join_names(one["unstated"], MAX_ROWS)
     why = f" (perhaps: {unstated} does not state what its outputs depend on)" if unstated else ""
     return f"{one['path']}, {done}{why}"
 
 
-def _form(came: Mapping[str, Any]) -> str:
-    return f"{came['form']} {came['ssp']}, " if came["form"] == "SSP" else f"{came['form']}, "
+def _form(form: str, version: str) -> str:
+    return f"{form} {version}, " if form == "SSP" else f"{form}, "
 
 
 def _component(one: Mapping[str, Any], tick: float) -> str:
@@ -219,18 +210,19 @@ def record_system(
     Notes: {"experiment": name, "folder": folder of the run, "duration" (s)} before the first step.
 
     Args:
-        out: folder of the run; None for results/NAME/TIME.
+        out: folder of the run; None for results/cosim/NAME/TIME.
         compiled: whether to build FMUs without a binary for this machine from their sources.
         state_every: time between saved states (s); None to save only the last state.
         start_from: run of this system to continue, optionally with @ and the time (s) of a saved state.
-        additions: values, inputs over time, and recorded variables.
     """
     reporter.loading()
     # Determined before an FMU is loaded, which may change the working directory.
     here = Path.cwd()
     package, state = read_system(system), _state(start_from)
     with open_system(package, choice, compiled, additions) as (plan, made):
-        folder = _folder(package.file, here, out)
+        if out:
+            claim_run_folder(here / out)
+        folder = out or create_run_folder(here / COSIM_FOLDER, package.file.stem, datetime.now()).relative_to(here)
         path = here / folder / RECORDING_FILE
         reporter.note(experiment=package.file.stem, folder=str(path.parent), duration=plan.timing.duration)
         done, events, writing = _record_run(plan, made, path, reporter, state_every, state)
@@ -256,12 +248,7 @@ def write_system(
             raise InputRefused(f"{option}: an SSP archive has no word for it; choose when it is run")
     package = read_system(system)
     plan, file = write_ssp(package, choice, out, compiled, additions)
-    rows = [
-        note(
-            "system",
-            f"{_form({'form': package.form, 'ssp': package.structure.version})}{count_text(len(plan.parts), 'FMU')}",
-        )
-    ]
+    rows = [note("system", f"{_form(package.form, package.structure.version)}{count_text(len(plan.parts), 'FMU')}")]
     rows += [note("unsaid", sentence) for sentence in package.omissions]
     found = {"system": str(package.file), "unsaid": list(package.omissions), "ssp": str(file)}
     return Result(f"{package.file.stem} written as SSP 1.0", rows, found, {"ssp": str(file)})
@@ -297,14 +284,6 @@ def write_joined_system(
         note("wires", f"guessed from names and units: {', '.join(wires)}", True),
         *([note("in doubt", f"left out: {join_names(left, MAX_ROWS)}", True)] if left else []),
     ]
-
-
-def _folder(file: Path, here: Path, out: Path | None) -> Path:
-    """Create the folder of a system's run and return its path relative to the folder `here`."""
-    if out:
-        claim_run_folder(here / out)
-        return out
-    return create_run_folder(here / COSIM_FOLDER, file.stem, datetime.now()).relative_to(here)
 
 
 def _state(start_from: str | None) -> StoredState | None:

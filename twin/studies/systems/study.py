@@ -15,24 +15,18 @@ if TYPE_CHECKING:
     from twin.kernel.process.reporter import Reporter
 
 
-def _check_master(asked: ArgumentValues) -> None:
-    options_of(MasterOptions, asked).choice()
-
-
-def _check_times(asked: ArgumentValues) -> None:
+def _check_options(asked: ArgumentValues) -> None:
     for option in ("tick_ms", "stop_s", "state_every_s"):
         value = asked[option]
         if value is not None and not 0.0 < value < math.inf:
             raise InputRefused(f"--{option.replace('_', '-')} {value:g}: expected a number > 0")
-
-
-def _check_writing(asked: ArgumentValues) -> None:
+    options_of(MasterOptions, asked).choice()
     for option, value in (("--from", asked["start_from"]), ("--state-every-s", asked["state_every_s"])):
         if asked["to"] is not None and value is not None:
             raise InputRefused(f"--to runs nothing, and does not go with {option}; leave one of them out")
 
 
-@study(isolated=True, limited=True, before=[_check_times, _check_master, _check_writing])
+@study(isolated=True, limited=True, before=[_check_options])
 def cosim(
     system: Annotated[
         Sequence[Path],

@@ -44,7 +44,6 @@ EDGE_TOLERANCE = 1e-6
 RUN_UP = 1.0
 """Time (s) before the drive's speed is measured."""
 RANKED_VALUES = 5
-"""Number of values listed by their effect on the force."""
 IN_RUN = ("encoder counts", "backlash")
 """Imperfections of the accuracy budget that are values of the robot."""
 
@@ -78,7 +77,6 @@ class Capability:
         least_serial, least_parallel: the same, least in the cylinder.
         weight, weight_deflection, sag: own weight that the springs carry at the platform (N), the largest deflection
             (rad, motor side) and the descent of the platform with the motors held (m) by it.
-        drives: of the joints.
         own, assumed: number of own values of [robot], keys whose source begins with "assumed".
         ranking, unranked: values that matter most for the force, the largest first, or the reason for none.
     """
@@ -110,15 +108,7 @@ class Capability:
 
 
 def capability(experiment: Experiment, rank: bool = True, say: Say = ignore_progress) -> Capability:
-    """Compute the capability of an experiment's true robot; drives are measured through their FMUs.
-
-    Args:
-        rank: whether the values are ranked by their effect on the force.
-
-    Raises:
-        InputRefused: the working pose is not free, or a drive is invalid.
-        ComponentFailed: a drive failed.
-    """
+    """Compute the capability of an experiment's true robot through its drives' FMUs; `rank` its values by effect."""
     plant, height, approach = experiment.plant, experiment.contact.height, experiment.approach
     geometry, pose, step = geometry_of(plant), np.array([0.0, 0.0, height]), plant.l_b / REACH_STEPS
 

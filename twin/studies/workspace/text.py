@@ -18,13 +18,11 @@ from twin.studies.result import Block, Column, Note, Result, Table, note
 from twin.studies.workspace.capability import Capability
 
 MAP_POINTS = 161
-"""Points of the map along each axis."""
 AXIS_COLUMNS = (Column("", 30, left=True), Column("x", 9), Column("y", 9), Column("z", 9), Column("", gap=2, left=True))
 RANK_COLUMNS = (Column("value", 36, left=True), Column("rms", 8, ".3f", "N"))
 
 
 def capability_result(done: Capability, files: Mapping[str, str]) -> Result:
-    """Return the report of a robot's capability."""
     z, (low, high) = 1e3 * done.pose[2], (1e3 * value for value in done.reach_z)
     rows = [
         ("stiffness of the springs", done.stiffness, 1.0, "N/m"),
