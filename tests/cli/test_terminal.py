@@ -152,7 +152,7 @@ class Heard(PlainProgress):
 def heard(monkeypatch: pytest.MonkeyPatch) -> Heard:
     heard = Heard()
     monkeypatch.setattr(display, "progress", lambda: heard)
-    monkeypatch.setattr(compiling, "object_count", lambda: TYPICAL_PIECES)
+    monkeypatch.setattr(compiling, "object_files", lambda: range(TYPICAL_PIECES))
     return heard
 
 
@@ -176,7 +176,7 @@ def test_what_is_compiled_is_told_piece_by_piece_until_the_run_moves(heard: Hear
             all_counted.set()
         return counts[-1] if found is None else found
 
-    monkeypatch.setattr(compiling, "object_count", counted)
+    monkeypatch.setattr(compiling, "object_files", lambda: range(counted()))
     monkeypatch.setattr(compiling, "WATCH_INTERVAL", 0.001)
     with TerminalDisplay(as_json=False) as shown:
         assert all_counted.wait(60.0)
@@ -203,7 +203,7 @@ def test_without_a_terminal_the_long_wait_is_one_plain_line(monkeypatch, capsys)
             told_twice.set()
         return number
 
-    monkeypatch.setattr(compiling, "object_count", counted)
+    monkeypatch.setattr(compiling, "object_files", lambda: range(counted()))
     monkeypatch.setattr(compiling, "WATCH_INTERVAL", 0.001)
     with TerminalDisplay(as_json=True):
         assert told_twice.wait(60.0)
@@ -212,7 +212,7 @@ def test_without_a_terminal_the_long_wait_is_one_plain_line(monkeypatch, capsys)
 
 
 def test_a_run_that_is_refused_before_anything_is_compiled_does_not_speak_of_it(monkeypatch, capsys):
-    monkeypatch.setattr(compiling, "object_count", lambda: 0)
+    monkeypatch.setattr(compiling, "object_files", list)
     monkeypatch.setattr(compiling, "WATCH_INTERVAL", 0.001)
     with TerminalDisplay(as_json=True):
         time.sleep(0.02)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.kernel.atomic_write import json_text
-from twin.kernel.compiled.store import object_count
+from twin.kernel.compiled.store import object_files
 from twin.kernel.errors import escape_controls, terminal_text
 from twin.kernel.process.job import duration_text, relative_path
 from twin.kernel.recording.folder import LATEST_LINK
@@ -220,7 +220,7 @@ class CompileWatch:
 
     def __init__(self, progress: PlainProgress):
         self._progress = progress
-        self._before = object_count()
+        self._before = len(object_files())
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._look, daemon=True)
 
@@ -236,7 +236,7 @@ class CompileWatch:
     def _look(self) -> None:
         began = time.monotonic()
         while not self._over.wait(WATCH_INTERVAL):
-            new = object_count() - self._before
+            new = len(object_files()) - self._before
             if new:
                 # the number still missing is unknown if the cache was not empty or the run needs more
                 about = TYPICAL_PIECES if not self._before and new < TYPICAL_PIECES else 0

@@ -50,8 +50,7 @@ def entries(file: Path, kind: str = "FMU") -> dict[str, int]:
                     raise InputRefused(f"{file}: entry '{name}' points outside the archive; do not trust this file")
                 if stat.S_ISLNK(info.external_attr >> 16):
                     raise InputRefused(f"{file}: entry '{name}' is a link; do not trust this file")
-            damaged = archive.testzip()
-            if damaged:
+            if damaged := archive.testzip():
                 raise InputRefused(f"{file}: entry '{damaged}' is damaged; get the {kind} again")
             return {entry_path(info): info.file_size for info in infos}
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as problem:

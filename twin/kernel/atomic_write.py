@@ -25,8 +25,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
     """Write a file atomically: yield a temporary path in its folder, and rename that to `path` if the block succeeds.
 
     Missing folders are created. A link is followed: its target is replaced, the link stays. InputRefused: a folder,
-    pipe or device is at `path`, which a file must not replace. NotWritten: the folder or the disk refuses, and an
-    existing file is unchanged.
+    pipe or device is at `path`. NotWritten: the folder or the disk refuses, and an existing file is unchanged.
     """
     with translate_disk_errors(path, caught=PATH_ERRORS):
         target = Path(os.path.realpath(path))
@@ -47,7 +46,10 @@ def atomic_write(path: Path) -> Iterator[Path]:
                 # some file systems report a full disk only at fsync
                 os.fsync(file.fileno())
             # mkstemp restricts access to the owner; use the permissions of any other new file
-            beside.chmod(0o666 & ~_umask())
+            mask = os.umask(0o022)
+            # os.umask can only be read by setting it
+            os.umask(mask)
+            beside.chmod(0o666 & ~mask)
             beside.replace(target)
     finally:
         with contextlib.suppress(OSError):
@@ -113,10 +115,3 @@ def inline_table(facts: Mapping[str, Any]) -> Any:
     table = inline_table()
     table.update(facts)
     return table
-
-
-def _umask() -> int:
-    # os.umask can only be read by setting it
-    mask = os.umask(0o022)
-    os.umask(mask)
-    return mask

@@ -82,8 +82,7 @@ def discard_foreign(path: Path) -> None:
 
     Another user may have created it while the parent folder was open to others. Reported on standard error.
     """
-    why = ownership_problem(path)
-    if why:
+    if why := ownership_problem(path):
         # another process may have removed it first
         with contextlib.suppress(FileNotFoundError):
             remove(path)

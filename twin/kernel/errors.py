@@ -6,10 +6,8 @@ from contextlib import contextmanager
 
 MAX_WORD_LENGTH = 200
 """Maximum length of a word shown in full (characters); 100 kB values make a message unreadable."""
-
 MAX_MESSAGE_LINES = 60
 """Maximum number of lines of an error message; more would scroll the first error out of sight."""
-
 PATH_ERRORS = (OSError, ValueError)
 
 

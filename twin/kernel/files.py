@@ -14,10 +14,8 @@ from twin.kernel.errors import PATH_ERRORS, InputRefused, close_matches, transla
 
 MAX_TEXT_BYTES = 10 * 2**20
 """Maximum size of a text file (bytes); an experiment has a few kilobytes."""
-
 MAX_TOML_BYTES = 2 * 2**20
 """Maximum size of a TOML file (bytes): its parser takes about 2 s for it, and 50,000 way points need no more."""
-
 FILE_SIGNATURES = (
     (b"\x89PNG", "a PNG picture"),
     (b"\x89MCAP0", "an MCAP recording"),
@@ -28,12 +26,9 @@ FILE_SIGNATURES = (
     (b"%PDF", "a PDF document"),
 )
 """First bytes of a file -> its kind."""
-
 BOM = b"\xef\xbb\xbf"
-
 MAX_DEPTH = 32
-"""Maximum nesting of tables, arrays or elements, and of parts of a dotted key, in a file; twin's own files have five.
-"""
+"""Maximum nesting of tables, arrays or elements, and of parts of a dotted key; twin's own files have five."""
 _TOML_TOKEN = re.compile(
     r"""[ \t]+ | \#[^\n]*
     | "{3}(?:\\.|[^\\])*?(?:"{3}|\\?\Z) | '{3}.*?(?:'{3}|\Z)
@@ -129,14 +124,7 @@ def parse_json(text: str | bytes, where: str) -> Any:
 def parse_xml(content: bytes, where: str) -> ET.Element:
     """Parse `content` as XML and return its root element."""
     parser = ET.XMLParser(target=_SafeTreeBuilder())
-    try:
-        parser.feed(content)
-        root: ET.Element = parser.close()
-    except RecursionError:
-        raise InputRefused(f"{where}: not valid XML: nested too deeply") from None
-    # includes unknown encodings
-    except (ET.ParseError, ValueError, LookupError) as problem:
-        raise InputRefused(f"{where}: not valid XML: {problem}") from None
+    root: ET.Element = _parse("XML", lambda text: ET.XML(text, parser), content, where)
     return root
 
 
@@ -164,16 +152,13 @@ def _parse(language: str, parse: Callable[[Any], Any], text: str | bytes, where:
         return _check_values(parse(text))
     except RecursionError:
         raise InputRefused(f"{where}: not valid {language}: nested too deeply") from None
-    # not only the parser's own error: a number of 5,000 digits is a plain ValueError
-    except ValueError as problem:
+    # not only the parser's own error: a number of 5,000 digits is a plain ValueError, an unknown encoding a LookupError
+    except (ET.ParseError, ValueError, LookupError) as problem:
         raise InputRefused(f"{where}: not valid {language}: {problem}") from None
 
 
 def _check_values(found: Any) -> Any:
-    """Check that a parsed value is at most `MAX_DEPTH` deep and has only 64-bit integers, and return it.
-
-    A deeper value raises RecursionError, a larger integer ValueError.
-    """
+    """Return a parsed value; RecursionError: more than `MAX_DEPTH` deep, ValueError: an integer of over 64 bits."""
     level = [found]
     for _ in range(MAX_DEPTH):
         if any(isinstance(value, int) and value.bit_length() > 64 for value in level):

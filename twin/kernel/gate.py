@@ -26,16 +26,12 @@ VIEWER_ORIGINS = ("https://app.foxglove.dev", "https://lichtblick-suite.github.i
 
 @dataclass(frozen=True)
 class GatePolicy:
-    """Access rules of a local server: permitted hosts, origins and cookie.
+    """Access rules of a local server: patterns of Host and Origin headers in lower case, name of the token's cookie.
 
     Attributes:
-        hosts: pattern of the Host header in lower case.
-        expected_host: end of the error message about another host.
-        origins: pattern of the Origin header in lower case.
-        expected_origin: end of the error message about another origin; ORIGIN is replaced by it.
+        expected_host, expected_origin: ends of the error messages about other ones; ORIGIN stands for the origin.
         own_pages_only: whether a request that does more than read needs an Origin, and pages of other sites may not
             even load a picture or a script; False admits programs and links of other sites.
-        cookie: name of the cookie that carries the token; "" if there is no cookie.
     """
 
     hosts: str

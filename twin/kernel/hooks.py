@@ -11,8 +11,7 @@ class Hooks:
 
     Attributes:
         before_compiling: called once each, before this process compiles for the first time.
-        compiling: called with True when a compilation begins and with False when it ends, so that timers can exclude
-            it.
+        compiling: called with True when a compilation begins, with False when it ends, so that timers can exclude it.
         fmi_call: called with (file, instance, function) before each FMI call, and with function "" after it. A call may
             crash or hang, and only another process can then name it. Steps are not announced: that would cost more than
             they take (see `SimulationMemory.mark`).

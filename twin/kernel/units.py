@@ -137,9 +137,7 @@ def known_unit(text: str) -> Unit | None:
 
 
 def weight_hint(got: Dimension, wanted: Dimension) -> str:
-    """Return a hint if a mass unit was given where its weight is expected: `; grams are a mass: did you mean gf?`, or
-    "".
-    """
+    """Return a hint if a mass unit was given where its weight is expected: `; grams are a mass: ...`; else ""."""
     if got.kg == 0 or got == wanted:
         return ""
     as_weight = Dimension(*(g + got.kg * f for g, f in zip(got._replace(kg=0), FORCE, strict=True)))

@@ -92,7 +92,7 @@ def test_what_is_built_into_something_else_is_not_compiled_once_more(place: Path
     function = ours(lambda x: math.sin(x) + 2.0 * x)
     native = Native("double", ("double",), function)
     assert native.address
-    monkeypatch.setattr(machine, "module_of", lambda *asked: pytest.fail("compiled again"))
+    monkeypatch.setattr("twin.kernel.compiled.native.inner_module", lambda *asked: pytest.fail("compiled again"))
     kept = Native("double", ("double",), function).module("another_name")
     assert kept.symbol == "another_name" and kept.inner in kept.text
     # what was damaged is compiled anew
@@ -127,7 +127,7 @@ def test_each_form_of_the_processor_is_another_code_that_numba_compiles_once(pla
     native = Native("double", ("double", "double"), ours(lambda a, b: math.sqrt(a) / b + a * b))
     plain, avx, _ = machine.X86_64
     code = native.emit_object(plain)
-    monkeypatch.setattr(machine, "module_of", lambda *asked: pytest.fail("compiled again"))
+    monkeypatch.setattr("twin.kernel.compiled.native.inner_module", lambda *asked: pytest.fail("compiled again"))
     assert native.emit_object(avx) != code
     assert len({machine.object_name(native.name, form) for form in machine.X86_64}) == 3
 

@@ -14,7 +14,7 @@ from packaging.version import Version
 from twin.kernel.compiled import function as lanes
 from twin.kernel.compiled import function as memory
 from twin.kernel.compiled.function import Function, njit
-from twin.kernel.compiled.machine import module_of
+from twin.kernel.compiled.numba_internals import inner_module
 
 DOUBLE = numba.float64(numba.float64)
 
@@ -29,8 +29,8 @@ def test_a_module_has_the_inner_function_and_what_it_calls():
     def outer(x: float) -> float:
         return inner(x) + 1.0
 
-    module = module_of(DOUBLE, outer, "outer")
-    assert f"@{module.inner}(" in module.text and "twice" in module.text
+    name, text = inner_module(DOUBLE, outer)
+    assert f"@{name}(" in text and "twice" in text
     assert gc.get_threshold() == often
 
 

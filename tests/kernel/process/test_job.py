@@ -16,7 +16,7 @@ from twin.kernel.process import guard
 from twin.kernel.process.black_box import Announcer, BlackBox, Call
 from twin.kernel.process.guard import JobLoadFailure, Watchdog
 from twin.kernel.process.job import MAX_WAIT_RATIO, JobLimits, interrupt_message
-from twin.kernel.process.process import GuardedProcess, processor_time
+from twin.kernel.process.process import GuardedProcess
 
 STEP = 10.0
 
@@ -143,7 +143,7 @@ def test_a_process_that_computes_gets_older_on_its_processor():
         process.start({})
         while process.box.call() is None or not process.is_waiting:
             pass
-    assert processor_time(process.pid) == math.inf
+    assert process.processor_time == math.inf
 
 
 LOST = """

@@ -35,10 +35,8 @@ from twin.kernel.recording.messages import (
     descriptor_set,
     descriptors_of,
     form_filling,
-    form_records,
     message_layout,
     message_names,
-    message_records,
     varint,
 )
 from twin.kernel.recording.reader import read
@@ -139,7 +137,7 @@ times = st.integers(0, 2**63 - 1)
 
 @given(times, st.floats(width=64), st.floats(width=64))
 def test_protobuf_reads_every_time_and_number_that_was_filled_in(time: int, first: float, second: float):
-    records = form_records(form_filling(1, TF), np.array([time]), 0, np.array([[first, second]]))
+    records = form_filling(1, TF).records(np.array([time]), 0, np.array([[first, second]]))
     message = FrameTransform.FromString(records[0, HEAD_SIZE:].tobytes())
     assert message.timestamp.ToNanoseconds() == time
     found = struct.pack("<ddd", message.translation.x, message.translation.y, message.translation.z)
@@ -149,7 +147,7 @@ def test_protobuf_reads_every_time_and_number_that_was_filled_in(time: int, firs
 
 @given(times, st.floats(allow_nan=False))
 def test_a_message_says_what_protobuf_would_write_of_it(time: int, number: float):
-    records = form_records(form_filling(1, TF), np.array([time]), 0, np.array([[number, number]]))
+    records = form_filling(1, TF).records(np.array([time]), 0, np.array([[number, number]]))
     stamp = Timestamp()
     stamp.FromNanoseconds(time)
     written = FrameTransform(
@@ -218,7 +216,7 @@ def test_protobuf_decodes_every_value_bit_for_bit_from_a_genuine_message_record(
 ) -> None:
     row = [data.draw(VALUES[field.kind]) for field in fields for _ in range(field.size)]
     layout = message_layout(channel, fields)
-    record = message_records(layout, fields, np.array([time]), sequence, np.array([row])).tobytes()
+    record = layout.filling.records(np.array([time]), sequence, np.array([row])).tobytes()
 
     body = record[31:]
     builder = RecordBuilder()
@@ -240,7 +238,7 @@ def test_protobuf_decodes_every_value_bit_for_bit_from_a_genuine_message_record(
 def test_a_count_that_is_no_whole_number_of_64_bits_is_refused(count: float) -> None:
     fields = (Field("count_m", 1, "int", "1", "motor encoder"),)
     with pytest.raises(ValueError, match="field count_m holds whole numbers"):
-        message_records(message_layout(1, fields), fields, np.array([0]), 0, np.array([[count]]))
+        message_layout(1, fields).filling.records(np.array([0]), 0, np.array([[count]]))
 
 
 @given(st.integers(0, 2**64 - 1))
@@ -262,7 +260,7 @@ def test_a_layout_that_another_process_gets_fills_records_as_it_did_here():
     fields = (Field("p", 2, "double", "m", "a place"),)
     layout = message_layout(3, fields)
     times, rows = np.array([1, 2]), np.array([[0.5, 1.5], [2.5, 3.5]])
-    expected = message_records(layout, fields, times, 0, rows)
+    expected = layout.filling.records(times, 0, rows)
     elsewhere = pickle.loads(pickle.dumps(layout))
     assert elsewhere.filling._template_at != layout.filling._template_at
-    np.testing.assert_array_equal(message_records(elsewhere, fields, times, 0, rows), expected)
+    np.testing.assert_array_equal(elsewhere.filling.records(times, 0, rows), expected)

@@ -14,7 +14,7 @@ from tests.laws.runs import shipped
 from tests.robot.live.viewer import Viewer, address_in
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.reporter import DirectReporter
-from twin.kernel.recording.messages import HEAD_SIZE, Field, Topic, message_layout, message_records
+from twin.kernel.recording.messages import HEAD_SIZE, Field, Topic, message_layout
 from twin.kernel.recording.recorder import RowStream
 from twin.robot.live.runs import served_runs
 from twin.robot.live.server import LiveServer
@@ -40,10 +40,8 @@ def test_a_published_message_has_the_bytes_of_the_recorded_one(numbers: list[flo
     # twice, because what was there before must not shine through
     list(encoder.messages(np.ones(29)))
     for stream, message in zip(STREAMS, encoder.messages(row), strict=True):
-        fields = stream.topic.fields
-        records = message_records(
-            message_layout(7, fields), fields, np.zeros(1, dtype=int), 0, row[None, stream.columns]
-        )
+        layout = message_layout(7, stream.topic.fields)
+        records = layout.filling.records(np.zeros(1, dtype=int), 0, row[None, stream.columns])
         assert message == records[0, HEAD_SIZE:].tobytes()
 
 

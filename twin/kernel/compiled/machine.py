@@ -8,7 +8,6 @@ callees are kept. Reference counting of arrays is not needed; LLVM removes it on
 import hashlib
 import os
 import re
-from collections.abc import Callable
 from functools import cache
 from importlib.metadata import version
 from typing import Any, NamedTuple
@@ -16,7 +15,6 @@ from typing import Any, NamedTuple
 import llvmlite.binding as llvm
 
 from twin.kernel.compiled import store
-from twin.kernel.compiled.numba_internals import inner_module
 from twin.kernel.errors import InputRefused
 
 MATH_SYMBOLS = re.compile(
@@ -39,11 +37,6 @@ class Module(NamedTuple):
     symbol: str
     inner: str
     text: str
-
-
-def module_of(signature: Any, function: Callable, symbol: str) -> Module:
-    """Compile `function` by numba for a `signature` to an LLVM module whose C entry point will be called `symbol`."""
-    return Module(symbol, *inner_module(signature, function))
 
 
 def strip_module(module: Module, machine: Any) -> Any:
@@ -156,10 +149,8 @@ def object_name(name: str, form: ProcessorForm) -> str:
 
 def load_object(name: str) -> bool:
     """Load a compiled function from its object file if the store has one; return whether the function is loaded."""
-    if name not in _loaded:
-        content = store.stored_code(object_name(name, chosen_form()))
-        if content:
-            _load(name, content)
+    if name not in _loaded and (content := store.stored_code(object_name(name, chosen_form()))):
+        _load(name, content)
     return name in _loaded
 
 
@@ -182,5 +173,4 @@ def _load(name: str, content: bytes) -> None:
 
 @cache
 def _engine() -> Any:
-    here = target_machine(chosen_form())
-    return llvm.create_mcjit_compiler(llvm.parse_assembly(""), here)
+    return llvm.create_mcjit_compiler(llvm.parse_assembly(""), target_machine(chosen_form()))

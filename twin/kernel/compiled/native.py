@@ -4,16 +4,14 @@ import contextlib
 import ctypes
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from twin.kernel.compiled import machine, store
 from twin.kernel.compiled.function import Function, types
+from twin.kernel.compiled.numba_internals import inner_module
 from twin.kernel.hooks import HOOKS
-
-if TYPE_CHECKING:
-    from twin.kernel.compiled.machine import Module
 
 Kind = str | np.dtype
 """Type of an argument or result: a key of `_TYPE_NAMES`, or the dtype of a record, which is passed by its address."""
@@ -30,8 +28,6 @@ _TYPE_NAMES: dict[str, tuple[str, str, Any]] = {
     "nothing": ("void", "void", None),
 }
 """Names of each type in numba and LLVM, and its ctypes class."""
-
-
 _under_way: list[None] = []
 """One entry for each compilation in progress; threads may compile at the same time."""
 
@@ -117,23 +113,21 @@ class Native:
         made, foreign = machine.strip_module(module, machine.target_machine(form))
         return b"" if foreign else bytes(machine.target_machine(form).emit_object(made))
 
-    def module(self, symbol: str) -> "Module":
+    def module(self, symbol: str) -> machine.Module:
         """Return the LLVM module of the compiled function, whose C entry point will be called `symbol`.
 
-        The module is stored for other functions that include it and for other processor forms, as numba takes longer
-        than all later stages.
+        It is stored for other functions and processor forms, as numba takes longer than all later stages.
         """
         import zstandard
 
         file = f"{self.name}.ll" if self.name else ""
-        known = store.stored_code(file) if file else b""
-        if known:
+        if known := store.stored_code(file) if file else b"":
             inner, _, text = zstandard.decompress(known).decode().partition("\n")
-            return machine.Module(symbol, inner, text)
-        made = machine.module_of(self.signature, self.function, symbol)
-        if file:
-            store.store_file(file, zstandard.compress(f"{made.inner}\n{made.text}".encode(), level=1))
-        return made
+        else:
+            inner, text = inner_module(self.signature, self.function)
+            if file:
+                store.store_file(file, zstandard.compress(f"{inner}\n{text}".encode(), level=1))
+        return machine.Module(symbol, inner, text)
 
     def _compile_with_numba(self) -> int:
         from numba import cfunc

@@ -1,7 +1,6 @@
 """Access to numba's internals: private names, and modules of `numba.core` that a new version may change.
 
-`pyproject.toml` allows only the numba versions for which the tests of this file were run. Numba is imported on first
-use.
+`pyproject.toml` allows only the numba versions that the tests of this file ran with. Numba is imported on first use.
 """
 
 import gc

@@ -22,8 +22,7 @@ from typing import NamedTuple
 
 PACKAGE_FOLDER = Path(__file__).parents[2]
 INSTALLED_PATTERN = re.compile(re.escape(sysconfig.get_path("stdlib") + os.sep) + r"|.*[/\\](site|dist)-packages[/\\]")
-"""Paths of installed files, which are identified by the version of Python or of their package; excludes this
-package."""
+"""Paths of installed files, identified by the version of Python or of their package; excludes this package."""
 
 
 class SourceFile(NamedTuple):
@@ -51,7 +50,13 @@ def parse_source(content: bytes) -> SourceFile:
     except (SyntaxError, ValueError, tokenize.TokenError):
         return SourceFile(digest_of(content), (), ())
     imports = dict.fromkeys(pair for node in nodes for pair in _imports(node))
-    return SourceFile(digest_of(code.encode()), tuple(imports), tuple(sorted(set(_first_lines(nodes)))))
+    # a function begins at its first decorator, if any
+    functions = {
+        min([node.lineno, *(decorator.lineno for decorator in getattr(node, "decorator_list", ()))])
+        for node in nodes
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+    }
+    return SourceFile(digest_of(code.encode()), tuple(imports), tuple(sorted(functions)))
 
 
 def _without_text(text: str, nodes: Sequence[ast.AST]) -> str:
@@ -82,20 +87,8 @@ def _imports(node: ast.AST) -> Iterator[tuple[str, tuple[str, ...]]]:
         yield "." * node.level + (node.module or ""), tuple(alias.name for alias in node.names)
 
 
-def _first_lines(nodes: Sequence[ast.AST]) -> Iterator[int]:
-    """Yield the first line of every function in a syntax tree: of its first decorator, or of its definition."""
-    for node in nodes:
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            yield min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
-        elif isinstance(node, ast.Lambda):
-            yield node.lineno
-
-
 class Sources:
-    """Parser and cache of the source files of modules that are not installed packages.
-
-    `known` are the files parsed by earlier processes and this one, by the digest of their whole content.
-    """
+    """Parser of source files that are not installed; `known` has the files parsed before, by their digest."""
 
     def __init__(self, known: dict[str, SourceFile]):
         self.known, self.parsed = known, 0

@@ -118,9 +118,9 @@ def object_lock(name: str) -> Iterator[None]:
 
 @cache
 def object_folder() -> Path:
-    """Return the folder of object files of compiled code: in the package, or the user's cache if that is not private.
+    """Return the folder of object files: in the package, in the user's cache, or temporary; the first private one.
 
-    A temporary folder, shared with child processes, if neither is private.
+    Child processes share a temporary folder.
     """
     given = os.environ.get(FOLDER_VARIABLE)
     try:
@@ -132,7 +132,12 @@ def object_folder() -> Path:
             return cache_folder("native")
     except InputRefused as refused:
         _refusal.append(str(refused))
-        os.environ[FOLDER_VARIABLE] = _temporary_folder()
+        import atexit
+        import shutil
+        import tempfile
+
+        os.environ[FOLDER_VARIABLE] = tempfile.mkdtemp(prefix="twin-native-")
+        atexit.register(shutil.rmtree, os.environ[FOLDER_VARIABLE], ignore_errors=True)
         return private_folder(Path(os.environ[FOLDER_VARIABLE], "objects"))
 
 
@@ -145,11 +150,6 @@ def refusal() -> str:
 def object_files(place: Path | None = None) -> list[Path]:
     """List the object files of compiled functions in `place`; None for the store, with files of all source versions."""
     return sorted((place or object_folder()).glob(f"[!.]*{OBJECT_SUFFIX}"))
-
-
-def object_count() -> int:
-    """Count the object files of compiled functions in the store."""
-    return len(object_files())
 
 
 def damaged_files(files: Iterable[Path]) -> list[Path]:
@@ -220,13 +220,3 @@ def _unseal(path: Path) -> bytes:
     """Return the content of a sealed file without its hash; empty if the hash does not match."""
     content = path.read_bytes()
     return content[:-SEAL_SIZE] if content == seal(path.name, content[:-SEAL_SIZE]) else b""
-
-
-def _temporary_folder() -> str:
-    import atexit
-    import shutil
-    import tempfile
-
-    path = tempfile.mkdtemp(prefix="twin-native-")
-    atexit.register(shutil.rmtree, path, ignore_errors=True)
-    return path

@@ -120,11 +120,10 @@ class Announcer:
 
 @dataclass(frozen=True)
 class Participant:
-    """A component of the running job, as described to the supervisor for error messages.
+    """A component of the running job, for error messages: `function` is the FMI function that its step calls, or "".
 
-    `function` is the FMI function that its step calls, empty for other components. `sampled`: evaluated at a time
-    rather than stepped over an interval. `first_input` is an index in the black box. `inputs` are (name, size, unit) of
-    each port.
+    `sampled`: evaluated at a time rather than stepped over an interval. `first_input` is an index in the black box.
+    `inputs` are (name, size, unit) of each port.
     """
 
     name: str
@@ -165,11 +164,8 @@ class JobAccount:
             self.helpers[name] = pid
         elif "stepping" in report:
             facts = report["stepping"]
-            components = tuple(
-                Participant(**{**c, "inputs": tuple((name, size, unit) for name, size, unit in c["inputs"])})
-                for c in facts["components"]
-            )
-            self.stepped = SteppedSystem(facts["tick"], facts["last_tick"], components)
+            listed = [one | {"inputs": tuple(map(tuple, one["inputs"]))} for one in facts["components"]]
+            self.stepped = SteppedSystem(facts["tick"], facts["last_tick"], tuple(Participant(**one) for one in listed))
 
     def stepping(self, box: BlackBox) -> Participant | None:
         """Return the component whose step is running, or was running when the process ended; None between steps."""
@@ -218,8 +214,7 @@ def failure_message(
         parts.append(f"Last inputs: {_last_inputs(participant, box)}.")
     if remedy or file:
         parts.append(remedy or _FMU_REMEDY.format(file=file))
-    lines = printed.strip().splitlines()
-    if lines:
+    if lines := printed.strip().splitlines():
         parts.append(f"It printed last: '{lines[-1][-MAX_QUOTE_LENGTH:]}'.")
     return " ".join(parts)
 

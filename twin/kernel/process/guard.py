@@ -45,8 +45,7 @@ def run_guarded(
 
     Args:
         job: function name, see `load_function`; called as `job(reporter, **arguments)`, see `Reporter`.
-        arguments: picklable arguments.
-        limits: limits; a job that exceeds one is ended.
+        arguments: picklable.
         listen: callback for each note of the job.
         show: callback for progress, (ticks done, total ticks), while a system is being stepped.
 
@@ -90,8 +89,7 @@ def _follow(
                 # show the output of FMUs, with control characters escaped
                 sys.stderr.write("".join(f"{line}\n" for line in _printed_lines(process.output_tail)))
                 return report["finished"]
-        stepped = watch.account.stepped
-        if stepped:
+        if stepped := watch.account.stepped:
             show(process.box.mark()[0], stepped.last_tick)
         watch.raise_if_over()
 
@@ -104,12 +102,7 @@ def _printed_lines(printed: str) -> Iterator[str]:
 
 
 def raise_failure(report: dict[str, Any]) -> None:
-    """Raise the error or interrupt that a job's `report` describes, if there is one.
-
-    Raises:
-        TwinError: with the class, text and exit code of the job's error.
-        KeyboardInterrupt: the job was interrupted.
-    """
+    """Raise the error (same class, text and exit code) or interrupt that a job's `report` describes, if any."""
     if "failed" in report:
         raise rebuild_error(report["failed"])
     if "interrupted" in report:
@@ -119,24 +112,18 @@ def raise_failure(report: dict[str, Any]) -> None:
 class Watchdog:
     """Supervisor of a process: tracks the running call and its duration, and ends the process at its limits.
 
-    Attributes:
-        account: notes and progress of the job; the reader of the reports must update it.
-        process, limits: the supervised process and its limits.
+    `account` has notes and progress of the job; the reader of the reports must update it.
     """
 
     def __init__(self, process: GuardedProcess, limits: JobLimits):
         self.account = JobAccount()
         self.process, self.limits = process, limits
         self._doing: object = None
-        self._begin()
         self._stepped: object = None
+        self._begin()
 
     def raise_if_over(self) -> None:
-        """Check all limits of the supervised process once; end the process and raise if it exceeds one.
-
-        Raises:
-            JobFailure, JobLoadFailure: the process has ended without a result, or exceeded a limit and was ended.
-        """
+        """Check all limits of the process once; JobFailure, JobLoadFailure: it has ended, or was ended for a limit."""
         limits, process = self.limits, self.process
         if process.gone:
             raise self._failure(exit_phrase(process.end()))

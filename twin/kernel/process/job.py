@@ -30,8 +30,7 @@ needs the processor itself."""
 INTERRUPT_EXIT_CODE, TERMINATE_EXIT_CODE = 130, 143
 """Exit codes of a command ended by Ctrl-C, or by SIGTERM."""
 INTERRUPT_RETRY_DELAY = 0.01
-"""Delay (s) until a lost interrupt is repeated. The finaliser is over by then; a second interrupt in it would be lost
-too."""
+"""Delay (s) until a lost interrupt is repeated, after the finaliser, in which a second one would be lost too."""
 _termination_signals: list[int] = []
 """Termination signals (SIGTERM, SIGHUP) that this process has received."""
 
@@ -45,15 +44,15 @@ def load_function(name: str) -> Callable[..., Any]:
 
 @dataclass(frozen=True)
 class JobLimits:
-    """Limits of a guarded job in time and memory, enforced by its supervisor.
+    """Maximum time (s) and memory of a guarded job, enforced by its supervisor.
 
     Attributes:
-        step: maximum time of one call into a component (s), in wall time and in processor time, so that a busy machine
-            makes no call look slow; a call that waits may take `MAX_WAIT_RATIO` times as long. Code outside FMU calls,
-            such as a compilation, has no such limit.
-        wall: maximum time of the whole job (s), excluding compilation.
-        memory: maximum resident memory (bytes); checked where the system has /proc, i.e. on Linux.
-        expected: maximum expected duration of all ticks of one simulation (s), extrapolated from the ticks so far.
+        step: one call into a component, in wall time and in processor time, so that a busy machine makes no call look
+            slow; a call that waits may take `MAX_WAIT_RATIO` times as long. Code outside FMU calls, such as a
+            compilation, has no such limit.
+        wall: the whole job, excluding compilation.
+        memory: resident memory (bytes); checked where the system has /proc, i.e. on Linux.
+        expected: expected duration of all ticks of one simulation, extrapolated from the ticks so far.
     """
 
     step: float = 10.0
@@ -86,10 +85,7 @@ def failure_report(problem: Exception) -> list[Any]:
 
 
 def rebuild_error(report: list[Any]) -> TwinError:
-    """Restore an error of another process from its `failure_report`, with the same class, text and exit code.
-
-    Other attributes of the error are lost: code that needs them runs in the process itself.
-    """
+    """Restore an error of another process from its `failure_report`: class, text and exit code, no other attributes."""
     module, name, text, exit_code = report
     kind = getattr(importlib.import_module(module), name, TwinError) if module.startswith("twin.") else TwinError
     # bypass __init__, whose arguments are already part of the text
@@ -100,10 +96,7 @@ def rebuild_error(report: list[Any]) -> TwinError:
 
 @contextlib.contextmanager
 def handle_termination() -> Iterator[None]:
-    """Make the signals SIGTERM and SIGHUP end the block like Ctrl-C, with another exit code; in the main thread only.
-
-    An ignored SIGHUP (`nohup`) stays ignored.
-    """
+    """Make SIGTERM and an unignored SIGHUP end the block like Ctrl-C, with another exit code; main thread only."""
 
     def end(number: int, frame: object) -> None:
         _termination_signals.append(number)
@@ -171,11 +164,10 @@ def interrupt_message(folder: Path) -> str:
     """Return the message after Ctrl-C about the recording in the `folder` of a run; remove an empty folder."""
     from twin.kernel.recording.folder import PARTIAL_SUFFIX, RECORDING_FILE
 
-    whole, partial = folder / RECORDING_FILE, folder / f"{RECORDING_FILE}{PARTIAL_SUFFIX}"
-    if partial.exists():
+    if (partial := folder / f"{RECORDING_FILE}{PARTIAL_SUFFIX}").exists():
         command = f"twin run --from {relative_path(folder)}"
         return f"interrupted; recorded until then: {relative_path(partial)}; continue with: {command}"
-    if whole.exists():
+    if (whole := folder / RECORDING_FILE).exists():
         return f"interrupted; the recording is complete: {relative_path(whole)}"
     # other files in the folder stay
     with contextlib.suppress(OSError):

@@ -74,11 +74,7 @@ def publish_entry(kernel, ring, number):
 
 @njit(cache=True, nogil=True)
 def wait_for_entry(kernel, ring, number, patience):
-    """Whether a ring has entries after entry `number`, after sleeping at most once.
-
-    Args:
-        kernel, patience: see `wait_once`.
-    """
+    """Whether a ring has entries after entry `number`, after sleeping at most once; see `wait_once`."""
     if unread_count(ring, number) > 0:
         return True
     wait_once(kernel, ring, ring + _ASLEEP_OFFSET, (number + 1) & _COUNT_MASK, patience)
@@ -101,14 +97,12 @@ def _wait(kernel, ring, number, patience):
 
 
 class MailboxEntry(NamedTuple):
-    """An entry of a ring.
+    """An entry of a ring; its number counts from 1, its values (n,) are a copy.
 
     Attributes:
-        number: consecutive number, from 1.
         tick: tick of a sample, or tick that a command answers; -1 for no tick.
         time: time at which it was written, or deadline of a sample's tick (ns, monotonic clock).
         tag: tag of a command, see `OBEYED_TAG`; for a sample, the number of the last command that took effect.
-        values: (n,), a copy.
     """
 
     number: int
@@ -119,16 +113,9 @@ class MailboxEntry(NamedTuple):
 
 
 class SharedRing:
-    """A ring of entries in shared memory, with the position of one writer or reader.
+    """A ring of entries of `values` doubles in shared memory at `address`, with the position of one writer or reader.
 
-    Args:
-        memory: bytes of the ring.
-        values: number of doubles of an entry.
-
-    Attributes:
-        address: address of the ring.
-        number: number of the last entry written or read here.
-        lost: number of entries that were overwritten before they were read here.
+    `number` is of the last entry written or read here; `lost` entries were overwritten before they were read here.
     """
 
     def __init__(self, memory: NDArray[np.uint8], values: int):
@@ -185,12 +172,8 @@ def ring_size(values: int) -> int:
 class Mailbox:
     """Mailbox in the memory behind a black box: the simulation writes `samples`, the other process `commands`.
 
-    Args:
-        fd: file descriptor of the black box, see `GuardedProcess.box` and `PipeReporter.box`.
-        sample_values, command_values: numbers of doubles of a sample and of a command.
-
-    Attributes:
-        samples, commands: the two rings; each process uses only one of them as its writer.
+    `fd` is the file descriptor of the black box, see `GuardedProcess.box` and `PipeReporter.box`; `sample_values` and
+    `command_values` are numbers of doubles.
     """
 
     def __init__(self, fd: int, sample_values: int, command_values: int):

@@ -94,7 +94,12 @@ class GuardedProcess:
 
     @property
     def processor_time(self) -> float:
-        return processor_time(self.pid)
+        """Processor time of the guarded process (s); infinity where the system does not report it."""
+        try:
+            # Linux: the id of the clock follows from the pid (clock_getcpuclockid)
+            return time.clock_gettime(cpu_clock(self.pid)) if sys.platform == "linux" else math.inf
+        except OSError:
+            return math.inf
 
     @property
     def is_waiting(self) -> bool:
@@ -147,13 +152,11 @@ class GuardedProcess:
         return [json.loads(line) for line in lines]
 
     def _is_zombie(self) -> bool:
-        """Whether the process has ended, even while a process that it started keeps its pipe open.
-
-        Does not reap it, so that its pid, which is also the id of its group, is not reused.
-        """
+        """Whether the process has ended, even while a process that it started keeps its pipe open."""
         # macOS has waitid from Python 3.13 on; before, the limit on a step's time ends such a process
         if not hasattr(os, "waitid"):
             return False
+        # not reaped, so that its pid, which is also the id of its group, is not reused
         return os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
     def end(self) -> int:
@@ -176,15 +179,6 @@ def resident_memory(pid: int) -> int:
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
         return 0
-
-
-def processor_time(pid: int) -> float:
-    """Return the processor time of the process `pid` (s); infinity where the system does not report it."""
-    try:
-        # Linux: the id of the clock follows from the pid (clock_getcpuclockid)
-        return time.clock_gettime(cpu_clock(pid)) if sys.platform == "linux" else math.inf
-    except OSError:
-        return math.inf
 
 
 def cpu_clock(pid: int) -> int:

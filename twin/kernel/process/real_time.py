@@ -55,8 +55,7 @@ def real_time(
 def share_priority(thread: int) -> None:
     """Give the thread `thread` (native id) a priority below the calling thread's if that has real-time priority.
 
-    A helper with normal priority that holds the GIL could be kept from running by other processes, and the caller with
-    it.
+    Other processes could keep a helper of normal priority that holds the GIL from running, and the caller with it.
     """
     if sys.platform == "linux" and os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO:
         with suppress(ProcessLookupError, PermissionError):

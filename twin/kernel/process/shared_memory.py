@@ -55,11 +55,7 @@ _i32 = pointer_to(np.int32)
 
 
 def syscall_numbers() -> np.ndarray:
-    """Return the address of libc's `syscall` and the numbers of futex, waitid and clock_gettime, (4,) int64.
-
-    Raises:
-        InputRefused: unsupported system.
-    """
+    """Return the address of libc's `syscall` and the numbers of futex, waitid and clock_gettime, (4,) int64."""
     if sys.platform != "linux" or platform.machine() not in _SYSCALL_NUMBERS:
         raise InputRefused(
             f"drives in processes of their own need Linux on {' or '.join(_SYSCALL_NUMBERS)}, this is {sys.platform} "
@@ -98,9 +94,8 @@ _syscall = c_function("size", *["size"] * 6)
 def set_and_wake(kernel, word, asleep, value):
     """Set a shared word to `value` and wake the process that waits for it.
 
-    Args:
-        kernel: address of the result of `syscall_numbers`.
-        word, asleep: addresses of int32: the word, and whether a process sleeps on it.
+    `kernel` is the address of the result of `syscall_numbers`; `word` and `asleep` (whether a process sleeps on the
+    word) are addresses of int32.
     """
     store(word, value)
     if load(asleep) != 0:
@@ -111,11 +106,9 @@ def set_and_wake(kernel, word, asleep, value):
 
 @njit(cache=True, nogil=True)
 def wait_once(kernel, word, asleep, value, patience):
-    """Whether a shared word has the value `value`, after sleeping at most once until it changes.
+    """Whether a shared word has the value `value`, after sleeping at most once until it changes; see `set_and_wake`.
 
-    Args:
-        patience: address of a `struct timespec`, the maximum time to sleep.
-        kernel, word, asleep: see `set_and_wake`.
+    `patience` is the address of a `struct timespec`, the maximum time to sleep.
     """
     present = load(word)
     if present == value:
@@ -132,8 +125,7 @@ def wait_once(kernel, word, asleep, value, patience):
 def is_zombie(kernel, pid, info):
     """Whether the child process `pid` has ended, without reaping it.
 
-    Args:
-        info: address of 128 bytes for a `siginfo_t`; its first int is the signal number if the child has ended.
+    `info` is the address of 128 bytes for a `siginfo_t`; its first int is the signal number if the child has ended.
     """
     call = carray(_integers(kernel), 4)
     carray(_integers(info), 1)[0] = 0
@@ -142,25 +134,18 @@ def is_zombie(kernel, pid, info):
 
 
 @njit(cache=True, nogil=True)
-def clock_time(kernel, clock, info):
-    """Return the time of a clock (s); 0 if the clock does not exist.
-
-    Args:
-        info: address of 16 bytes for a `struct timespec`.
-    """
+def clock_ns(kernel, clock, info):
+    """Return the time of a clock (ns), 0 if it does not exist; `info` is the address of 16 bytes for a `timespec`."""
     call, times = carray(_integers(kernel), 4), carray(_integers(info), 2)
     times[0] = times[1] = 0
     _syscall(call[0], (call[3], clock, info, 0, 0, 0))
-    return times[0] + 1e-9 * times[1]
+    return times[0] * 1_000_000_000 + times[1]
 
 
 @njit(cache=True, nogil=True)
 def monotonic_ns(kernel, info):
-    """Return the time of the monotonic clock (ns); arguments as in `clock_time`."""
-    call, times = carray(_integers(kernel), 4), carray(_integers(info), 2)
-    times[0] = times[1] = 0
-    _syscall(call[0], (call[3], _CLOCK_MONOTONIC, info, 0, 0, 0))
-    return times[0] * 1_000_000_000 + times[1]
+    """Return the time of the monotonic clock (ns); arguments as in `clock_ns`."""
+    return clock_ns(kernel, _CLOCK_MONOTONIC, info)
 
 
 def timespec(seconds: float) -> np.ndarray:
@@ -171,21 +156,15 @@ def timespec(seconds: float) -> np.ndarray:
 class SharedPage:
     """Mapping of a memory page that this process shares with another, to exchange a component's inputs and outputs.
 
-    Args:
-        fd: file descriptor of the black box.
-        inputs, outputs: numbers of doubles.
-
-    Attributes:
-        address: address of byte 0.
-        number: number of the next request, for the host (1,).
+    `fd` is the file descriptor of the black box, `inputs` and `outputs` are numbers of doubles, `address` is of byte 0.
+    `number` (1,) is the number of the next request, for the host.
     """
 
     def __init__(self, fd: int, inputs: int, outputs: int):
         self._fd, self._end = fd, _INPUTS_OFFSET + 8 * (inputs + outputs)
-        size = self._end
-        os.ftruncate(fd, max(size, os.fstat(fd).st_size))
+        os.ftruncate(fd, max(self._end, os.fstat(fd).st_size))
         # the array keeps the mapping alive
-        self._bytes = np.frombuffer(mmap.mmap(fd, size), dtype=np.uint8)
+        self._bytes = np.frombuffer(mmap.mmap(fd, self._end), dtype=np.uint8)
         self.address = self._bytes.ctypes.data
         self.inputs, self.outputs = inputs, outputs
         self.kernel, self.nap = syscall_numbers(), timespec(SLEEP_INTERVAL)
@@ -228,27 +207,25 @@ def next_number(number):
 def ask(m, t, h, u, y):
     """Step a component that runs in the host process: pass its inputs and wait for its outputs."""
     page = m.page
-    times, there = (
-        carray(doubles_at(page + _TIME_OFFSET), 2),
-        carray(doubles_at(page + _INPUTS_OFFSET), m.inputs + m.outputs),
-    )
+    times = carray(doubles_at(page + _TIME_OFFSET), 2)
+    there = carray(doubles_at(page + _INPUTS_OFFSET), m.inputs + m.outputs)
     u_, y_ = carray(u, m.inputs), carray(y, m.outputs)
     times[0], times[1] = t, h
     for j in range(m.inputs):
         there[j] = u_[j]
     m.number = next_number(m.number)
     set_and_wake(m.kernel, page + ASKED_OFFSET, page + HOST_ASLEEP_OFFSET, m.number)
-    naps, used = 0, 0.0
+    naps, used = 0, 0
     while not wait_once(m.kernel, page + ANSWERED_OFFSET, page + CALLER_ASLEEP_OFFSET, m.number, m.nap):
         naps += 1
         if is_zombie(m.kernel, m.pid, m.info):
             return HOST_DIED
         if naps == 1:
-            used = clock_time(m.kernel, m.clock, m.info)
+            used = clock_ns(m.kernel, m.clock, m.info)
         # the first sleep is not counted
         if naps > m.naps and (
             naps > MAX_WAIT_RATIO * m.naps
-            or clock_time(m.kernel, m.clock, m.info) - used > SLEEP_INTERVAL * (m.naps - 1)
+            or 1e-9 * (clock_ns(m.kernel, m.clock, m.info) - used) > SLEEP_INTERVAL * (m.naps - 1)
         ):
             return HOST_STUCK
     for j in range(m.outputs):
@@ -260,15 +237,9 @@ def ask(m, t, h, u, y):
 def serve(page, inputs, step, memory, numbers, kernel, nap):
     """Serve step requests of another process from `numbers[0]` on, until a bad status, an order, or a long pause.
 
-    Args:
-        page: address of the page.
-        inputs: number of inputs.
-        step, memory: addresses of the component's step and memory.
-        kernel, nap: addresses of the results of `syscall_numbers` and `timespec`.
-
-    Returns:
-        Status, or SERVE_IDLE, SERVE_STOPPED or SERVE_ORDERED; `numbers[0]` is then the number of the next request, or
-            of the order to be answered.
+    `page`, `step`, `memory`, `kernel` and `nap` are addresses: of the page, the component's step and memory, and the
+    results of `syscall_numbers` and `timespec`. Returns the status, SERVE_IDLE, SERVE_STOPPED or SERVE_ORDERED;
+    `numbers[0]` is then the number of the next request, or of the order to be answered.
     """
     number = carray(numbers, 1)
     times = carray(doubles_at(page + _TIME_OFFSET), 2)
@@ -279,9 +250,7 @@ def serve(page, inputs, step, memory, numbers, kernel, nap):
             return SERVE_ORDERED
         u = page + _INPUTS_OFFSET
         status = call_step(step, (memory, times[0], times[1], u, u + 8 * inputs))
-        carray(_i32(page + STATUS_OFFSET), 1)[0] = status
-        set_and_wake(kernel, page + ANSWERED_OFFSET, page + CALLER_ASLEEP_OFFSET, number[0])
-        number[0] = next_number(number[0])
+        answer(page, status, numbers, kernel)
         if status != 0 and status != 1:
             return status
 

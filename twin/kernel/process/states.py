@@ -11,7 +11,7 @@ import math
 import signal
 import threading
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -105,8 +105,7 @@ def _time_text(saved: SavedState) -> str:
 class RunStates(Observer):
     """Observer that saves states of a run, whose `identity` is `about`, to its recording; a tick lasts `tick` s.
 
-    The state of observers in `lasting` is saved too; the recorder is one of them. `lacking` is the reason why no states
-    are saved, as a sentence; "" if they are.
+    The state of observers in `lasting`, such as the recorder, is saved too. `lacking` is why no state is saved, or "".
     """
 
     def __init__(
@@ -156,13 +155,10 @@ class RunStates(Observer):
             self._write(self._last_tick, self._end)
 
     def _content(self) -> bytes:
-        state = self._simulation.state()
-        try:
+        with closing(self._simulation.state()) as state:
             observers = {name: observer.state() for name, observer in self._lasting.items()}
             about = {"of": self._about, "time": state.tick * self._tick, "observers": observers}
             return state.saved(**about).to_bytes()
-        finally:
-            state.close()
 
     def _write(self, tick: int, content: bytes) -> None:
         recorder = self._lasting["recorder"]
@@ -244,8 +240,7 @@ def simulate_saving(
 class StoredState:
     """An encoded state of a run at a simulation time (s), found in a recording.
 
-    `branch`: the restored run may have another experiment. `alive` are its components, at that tick, that the state
-    lacks.
+    `branch`: the restored run may have another experiment. `alive` are its components, at that tick, that it lacks.
     """
 
     recording: Path

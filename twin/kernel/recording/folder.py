@@ -114,8 +114,7 @@ class Output:
     def append(self, data: bytes | Iterable[bytes]) -> int:
         """Append all of `data`, in one piece or several, or nothing, to the file; return its offset in the file.
 
-        After RecordingWriteError (disk full, too large, closed) or an interrupt, the file has its former size and is
-        closed.
+        After RecordingWriteError (disk full, too large, closed) or an interrupt, it is closed at its former size.
         """
         if self._file is None:
             raise RecordingWriteError(f"{self.partial}: the recording is closed")

@@ -87,9 +87,8 @@ BLANK_BITS = 0x7FC0_7749
 class Field:
     """A recorded quantity of a topic, of `size` values in every message (1 for a scalar).
 
-    The name is a letter, then letters, digits and underscores: `tip_speed`. `int` has 64 bits, for counts. The unit is
-    SI, `1` for pure numbers, and the meaning a sentence for readers of the file, with frame and sign. ValueError:
-    invalid name, size or kind.
+    The name is a letter, then letters, digits or _: `tip_speed`. `int` has 64 bits, for counts. The unit is SI, `1` for
+    pure numbers, the meaning a sentence for readers of the file, with frame and sign. ValueError: invalid name or size.
     """
 
     name: str
@@ -182,8 +181,7 @@ def _json_name(name: str) -> str:
 def descriptor_fields(message_name: str, descriptors: bytes) -> tuple[Field, ...]:
     """Read the fields of message type `message_name` from its FileDescriptorSet; inverse of `descriptor_set`.
 
-    ValueError: not a message type of numeric fields with units, meanings and sizes. google.protobuf's DecodeError is
-    not a ValueError and is passed on.
+    ValueError, DecodeError of google.protobuf: not a message type of numeric fields with units, meanings and sizes.
     """
     files = FileDescriptorSet.FromString(descriptors).file
     messages = {f"{f.package}.{m.name}": (f, i, m) for f in files for i, m in enumerate(f.message_type)}
@@ -263,38 +261,39 @@ def _fill(records, count, stride, template, times, first_sequence, rows, step, p
 class Filling:
     """A message record (stride,) uint8 without sequence number, times and numbers, and their places (see the module).
 
-    Writes many records from rows quickly.
+    Writes many records from rows quickly. `fields` are empty for a form.
     """
 
-    def __init__(self, template: np.ndarray, places: np.ndarray):
-        self.template, self._places = template, places
+    def __init__(self, template: np.ndarray, places: np.ndarray, fields: Sequence[Field] = ()):
+        self.template, self._places, self._fields = template, places, fields
         self._template_at, self._places_at = template.ctypes.data, places.ctypes.data
 
-    def fill(self, to: int, times: int, count: int, first_sequence: int, rows: np.ndarray) -> bool:
-        """Write `count` message records at address `to`; return whether all values for integer fields are integers.
+    def fill(self, to: int, times: int, count: int, first_sequence: int, rows: np.ndarray) -> None:
+        """Write `count` message records at address `to`.
 
-        `times` is the address of the log times, ns, (count,) int64. `rows` is (count, columns) float64.
+        `times` is the address of the log and publish times, ns, (count,) int64. `rows` are (count, columns) float64, in
+        the order of the fields, a bool true if not zero. ValueError: an `int` field gets no integer (NaN included).
         """
         if rows.dtype != FLOAT_TYPE or rows.strides[1] != FLOAT_BYTES or rows.strides[0] % FLOAT_BYTES:
             rows = np.ascontiguousarray(rows, dtype=FLOAT_TYPE)
         stride, step = len(self.template), rows.strides[0] // FLOAT_BYTES
         # pass addresses only: the entry would check every argument for arrays
-        whole: int = _fill.native.c_function(
+        if not _fill.native.c_function(
             to, count, stride, self._template_at, times, first_sequence, address_of(rows[:1]), step,
             self._places_at, len(self._places),
-        )  # fmt: skip
-        return whole != 0
+        ):  # fmt: skip
+            raise ValueError(_no_integer_message(self._fields, rows))
 
-    def __reduce__(self) -> tuple[type["Filling"], tuple[np.ndarray, np.ndarray]]:
+    def __reduce__(self) -> tuple[type["Filling"], tuple[np.ndarray, np.ndarray, Sequence[Field]]]:
         """Pickle the template without addresses, which differ in another process."""
-        return Filling, (self.template, self._places)
+        return Filling, (self.template, self._places, self._fields)
 
-    def records(self, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray | None:
-        """Make a record per element of `times` (ns), (n, stride) uint8; None if an integer field gets a fraction."""
+    def records(self, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray:
+        """Make a record per element of `times` (ns), (n, stride) uint8; `rows` and ValueError as for `fill`."""
         times = np.ascontiguousarray(times, dtype=np.int64)
         records = np.empty((len(times), len(self.template)), dtype=np.uint8)
-        whole = self.fill(records.ctypes.data, times.ctypes.data, len(times), first_sequence, rows)
-        return records if whole else None
+        self.fill(records.ctypes.data, times.ctypes.data, len(times), first_sequence, rows)
+        return records
 
 
 @dataclass(frozen=True)
@@ -302,8 +301,7 @@ class MessageLayout:
     """Layout of the bytes of one topic's message records in the file, each `stride` bytes long.
 
     `filling` is a record with every number zero: tags, lengths and channel only. `framing` are slices without numbers,
-    equal in every message. `head` and `values` are structured dtypes, of the front and of the numbers, one name per
-    field.
+    equal in every message. `head` and `values` are structured dtypes of the front and of the numbers, by field name.
     """
 
     filling: Filling
@@ -342,7 +340,7 @@ def message_layout(channel: int, fields: Sequence[Field]) -> MessageLayout:
         for n in range(field.size)
     ]
     places = np.array([(kind, column, offset) for column, (kind, offset) in enumerate(elements)], dtype=np.int64)
-    filling = Filling(record_template(channel, bytes(record[HEAD_SIZE:])), places)
+    filling = Filling(record_template(channel, bytes(record[HEAD_SIZE:])), places, fields)
     return MessageLayout(filling, tuple(framing), head_dtype(len(record)), values)
 
 
@@ -359,21 +357,7 @@ def record_template(channel: int, body: bytes) -> np.ndarray:
     return template
 
 
-def message_records(
-    layout: MessageLayout, fields: Sequence[Field], times: np.ndarray, first_sequence: int, rows: np.ndarray
-) -> np.ndarray:
-    """Encode `rows` of numbers as MCAP message records, (n, stride) uint8.
-
-    `times` are log and publish times, ns, (n,) integer; rows (n, sum of sizes) float64, columns in the order of the
-    fields, a bool true if not zero. ValueError: a value of an `int` field is no integer (NaN included).
-    """
-    records = layout.filling.records(times, first_sequence, rows)
-    if records is None:
-        raise ValueError(no_integer_message(fields, rows))
-    return records
-
-
-def no_integer_message(fields: Sequence[Field], rows: np.ndarray) -> str:
+def _no_integer_message(fields: Sequence[Field], rows: np.ndarray) -> str:
     """Return the error message for the first value of `rows` that is not an integer but belongs to an `int` field."""
     start = 0
     for field in fields:
@@ -404,9 +388,8 @@ def blank_value(column: int) -> float:
 class MessageForm:
     """A recorded stream, one every `period` ticks, of a viewer's messages that differ only in times and numbers.
 
-    The name, `tf`, lacks the leading slash that it has in the file. `example` has `blank_value(0)`, `blank_value(1)`,
-    ... in fields of type double, each at least once, and `BLANK_TIME`. `width` is the number of columns of rows passed
-    to `Writer.write`.
+    The name, `tf`, lacks the leading slash that it has in the file. `example` has `BLANK_TIME`, and the `blank_value`
+    of each of the `width` columns of rows passed to `Writer.write`, at least once, in fields of type double.
     """
 
     name: str
@@ -419,7 +402,7 @@ class MessageForm:
 
 
 def form_filling(channel: int, form: MessageForm) -> Filling:
-    """Make the record template of a message form on channel `channel`; ValueError if a column has no blank."""
+    """Make the record template of a form, for times from 0 to 2^34 s; ValueError: a column without blank."""
     body = form.example.SerializeToString(deterministic=True)
     doubles = [struct.pack("<d", blank_value(column)) for column in range(form.width)]
     found = [(column, place) for column, double in enumerate(doubles) for place in _places(body, double)]
@@ -431,13 +414,6 @@ def form_filling(channel: int, form: MessageForm) -> Filling:
         places += [(SECONDS_PLACE, 0, place + SECONDS_AT), (NANOS_PLACE, 0, place + NANOS_AT)]
     table = np.array(places, dtype=np.int64).reshape(-1, 3) + np.array([0, 0, HEAD_SIZE])
     return Filling(record_template(channel, body), table)
-
-
-def form_records(filling: Filling, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray:
-    """Encode `rows` (n, width) float64 as records of a form, (n, stride) uint8; times are 0 to 2^34 s, in ns."""
-    records = filling.records(times, first_sequence, rows)
-    assert records is not None, "there are no integers"
-    return records
 
 
 def _places(body: bytes, wanted: bytes) -> Iterator[int]:

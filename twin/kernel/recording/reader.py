@@ -105,9 +105,8 @@ class Recording:
             UnknownSeries: unknown topic; the error message suggests the nearest names.
         """
         if topic not in self.streams:
-            raise UnknownSeries(
-                f"{self.path}: no topic {topic!r}; {nearest(topic, self.streams, 'it holds {}', 3)}", topic
-            )
+            hint = nearest(topic, self.streams, "it holds {}", 3)
+            raise UnknownSeries(f"{self.path}: no topic {topic!r}; {hint}", topic)
         return self.streams[topic].head["log_time"] / NS_PER_S
 
     @property

@@ -53,7 +53,7 @@ class RowBlock:
 
     @property
     def rows(self) -> np.ndarray:
-        """Collected rows of the block, (n, width); a view that `clear` invalidates."""
+        """Collected rows of the block, (n, width)."""
         return self._memory[: self._count]
 
     @property
@@ -65,12 +65,6 @@ class RowBlock:
         self._memory[self._count : self._count + len(rows)] = rows
         self._count += len(rows)
         self.events += events
-
-    def clear(self) -> None:
-        """Empty the block; the next one begins at the tick after the last row."""
-        self.first += self._count
-        self._count = 0
-        self.events = []
 
 
 def port_fields(ports: Iterable[Port]) -> tuple[Field, ...]:
@@ -150,11 +144,7 @@ class Recorder(EventLog):
             self.thread.join()
 
     def call(self, write: Callable[[Writer], None]) -> None:
-        """Call `write` with the writer, after all earlier writes; in the background if there is a thread.
-
-        Raises:
-            BaseException: of an earlier write in the background.
-        """
+        """Call `write` with the writer after all earlier writes, in the thread if any; raise an earlier error."""
         if self._failure is not None:
             raise self._failure
         if self.thread:
@@ -201,10 +191,7 @@ class Recorder(EventLog):
         if not len(block.rows) and not block.events:
             return
         self.call(lambda writer: self._write_block(block))
-        if self.thread:
-            self._block = self._new_block(block.first + len(block.rows))
-        else:
-            block.clear()
+        self._block = self._new_block(block.first + len(block.rows))
 
     def _work(self) -> None:
         """Execute queued writes until the end, or until one fails."""

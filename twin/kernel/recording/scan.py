@@ -162,10 +162,7 @@ class Scan:
     position: int = 0
 
     def contents(self) -> Iterator[tuple[int, bytes | Metadata]]:
-        """Yield checked chunks' contents and metadata records, each with its offset, to the end of an unfinished file.
-
-        Damage: the first record that fails a check.
-        """
+        """Yield checked chunks' contents and metadata, with offsets, as far as complete; Damage: a check fails."""
         size = self.file.seek(0, os.SEEK_END)
         self.file.seek(max(0, size - len(MCAP0_MAGIC)))
         # in a file of 8 bytes the opening magic is no closing magic
@@ -295,8 +292,7 @@ class Contents:
     def add(self, position: int, content: bytes) -> None:
         """Add all messages of a chunk, which begins at `position` in the file; add nothing if a check fails.
 
-        Damage: messages that precede the chunk's are missing. ValueError, KeyError, struct.error, McapError,
-        DecodeError: not in the layout of `Writer`.
+        Damage: earlier messages are missing. ValueError, KeyError, struct.error, McapError, DecodeError: other layout.
         """
         records = Records(content)
         is_message = records.table[:, CHANNEL_COLUMN] >= 0

@@ -120,8 +120,7 @@ class Summary:
     def __post_init__(self) -> None:
         self._layouts: dict[_Layout, _Layout] = {}
         self._of_chunks: list[_Layout] = []
-        """Index layout of each chunk; equal layouts share one object, since separate ones would grow with the
-        recording."""
+        """Index layout of each chunk; equal ones are shared, since separate ones would grow with the recording."""
 
     def note_chunk(self, chunk: Chunk, start: int, length: int, indexes: dict[int, bytes]) -> None:
         """Index an MCAP chunk written at byte `start` with `length`; its message indexes follow directly."""
@@ -156,10 +155,7 @@ class Summary:
         )
 
     def ending(self, data_size: int, data_crc: int) -> Iterator[bytes]:
-        """Yield the records that end an MCAP file, after `data_size` bytes with the CRC-32 `data_crc`.
-
-        They are DataEnd, summary section, footer and magic.
-        """
+        """Yield DataEnd, summary, footer and magic of an MCAP file of `data_size` bytes with the CRC-32 `data_crc`."""
         data_end = encode_record(DataEnd(data_crc))
         yield data_end
         start = place = data_size + len(data_end)

@@ -28,7 +28,6 @@ from twin.kernel.errors import RecordingWriteError
 from twin.kernel.recording.folder import Output
 from twin.kernel.recording.messages import (
     HEAD_SIZE,
-    Field,
     Filling,
     MessageForm,
     Topic,
@@ -39,7 +38,6 @@ from twin.kernel.recording.messages import (
     log_message,
     message_layout,
     message_names,
-    no_integer_message,
     record_template,
 )
 from twin.kernel.recording.summary import COMPRESSION_LEVEL, Summary, encode_record, make_chunk
@@ -134,8 +132,7 @@ class Piece:
 class MergedRecords(NamedTuple):
     """Message records (bytes,) uint8 of several channels in order of time; `begin` is the first log time, ns.
 
-    Pieces are chunks of at most about `MAX_CHUNK_BYTES` bytes, cut between ticks, so that every topic of a truncated
-    file ends at the same tick.
+    Pieces are chunks of about `MAX_CHUNK_BYTES` at most, cut between ticks: topics of a truncated file end together.
     """
 
     begin: int
@@ -216,24 +213,22 @@ def _piece(since: np.ndarray, channels: np.ndarray, offsets: np.ndarray) -> Piec
 class OpenTopic:
     """State of a topic, with a message every `period` ticks of `width` numbers, while a recording is written.
 
-    `fields` are empty for a form. `next_tick` is the earliest of its next row, possibly a
-    fraction.
+    `next_tick` is the earliest of its next row, possibly a fraction.
     """
 
     channel: int
     period: int
     width: int
     filling: Filling
-    fields: Sequence[Field]
     next_tick: float = 0
 
     @classmethod
     def from_topic(cls, topic: Topic | MessageForm, channel: int) -> Self:
         """Create the writing state of `topic` on MCAP channel number `channel`."""
         if isinstance(topic, MessageForm):
-            return cls(channel, topic.period, topic.width, form_filling(channel, topic), ())
+            return cls(channel, topic.period, topic.width, form_filling(channel, topic))
         width = sum(field.size for field in topic.fields)
-        return cls(channel, topic.period, width, message_layout(channel, topic.fields).filling, topic.fields)
+        return cls(channel, topic.period, width, message_layout(channel, topic.fields).filling)
 
 
 @dataclass(frozen=True)
@@ -270,9 +265,8 @@ class Writer:
         """Create the partial file of a recording and write its header and metadata: name -> key -> text.
 
         `/events` is added to the numeric topics. A tick lasts `tick` s. `forms` are topics for viewers, `others` have
-        messages recorded unchanged; `read` skips both. RecordingWriteError: the file cannot be created or the disk is
-        full. ValueError: two topics of one name, or of different fields whose names give one message type, or a form
-        whose example lacks a column.
+        messages recorded unchanged; `read` skips both. ValueError: two topics of one name, or of different fields whose
+        names give one message type, or a form whose example lacks a column.
         """
         streams: list[Topic | MessageForm] = [*topics, *forms]
         names = [stream.name for stream in streams]
@@ -313,10 +307,9 @@ class Writer:
         if topic in self._slice_topics:
             self.end_slice()
         self._slice_topics.add(topic)
-        count = len(rows)
-        if count == 0:
+        if not len(rows):
             return
-        ticks = range(first_tick, first_tick + opened.period * count, opened.period)
+        ticks = range(first_tick, first_tick + opened.period * len(rows), opened.period)
         known = self._slice_times.get(ticks)
         if known is None:
             made = self._times(np.arange(ticks.start, ticks.stop, ticks.step))
@@ -421,8 +414,7 @@ class Writer:
         """Append message records of `rows` at `times` (ns), whose address is `times_at`."""
         count, counts, stride = len(rows), self._summary.message_counts, len(opened.filling.template)
         to = self._pending.reserve(count * stride)
-        if not opened.filling.fill(to, times_at, count, counts[opened.channel], rows):
-            raise ValueError(no_integer_message(opened.fields, rows))
+        opened.filling.fill(to, times_at, count, counts[opened.channel], rows)
         counts[opened.channel] += count
         self._pending.add_block(opened.channel, times, stride)
 

@@ -7,12 +7,9 @@ from typing import NamedTuple
 from twin.kernel.errors import InputRefused
 from twin.kernel.ssp import structure as ssp
 
-SOURCE_KINDS, SINK_KINDS = (
-    ("output", "calculatedParameter", "constant", "local"),
-    ("input", "parameter", "structuralParameter"),
-)
-"""Kinds of connectors that are sources and sinks of values; for a system's own connectors, seen from inside, the two
-are swapped."""
+SOURCE_KINDS = ("output", "calculatedParameter", "constant", "local")
+SINK_KINDS = ("input", "parameter", "structuralParameter")
+"""Kinds of connectors that are sources and sinks of values; a system's own are swapped if seen from inside."""
 MAX_BINDINGS = 1_000_000
 """Maximum number of parameter values assigned to variables, of all components together."""
 
@@ -91,7 +88,6 @@ class _Flattener:
     def system(self) -> FlatSystem:
         leads = [self._lead(end) for end in self._into if end.element in self._components]
         self._assign(self._systems[""], "")
-        ignored = tuple(self._ignored)
         entrances = {
             one.name: tuple(self._forward(ssp.Endpoint("", one.name), (UnitStep(unit=one.unit),)))
             for one in self._systems[""].connectors
@@ -101,7 +97,7 @@ class _Flattener:
         found = {end.connector: self._lead(end) for end in self._into if not end.element}
         exits = {name: lead for name, lead in found.items() if lead}
         given = tuple(lead for lead in leads if lead)
-        return FlatSystem(self._components, given, self._assigned, ignored, entrances, exits)
+        return FlatSystem(self._components, given, self._assigned, tuple(self._ignored), entrances, exits)
 
     def _visit(self, system: ssp.SspSystem, path: str) -> None:
         for part in system.elements:

@@ -1,7 +1,6 @@
 """Packages: a system and its FMUs and tables, from an SSP archive or from loose files of another format.
 
-Code that runs a system gets its structure and the content of its entries from a `Package`; only this module knows
-where both are stored.
+Code that runs a system gets structure and entries from a `Package`; only this module knows where both are stored.
 """
 
 import os
@@ -64,16 +63,8 @@ def loose_package(
     unsaid: tuple[str, ...] = (),
 ) -> Package:
     """Make a package of a system's files that are in no archive; `files` by the names that the structure uses."""
-    return Package(
-        file,
-        sha256(file) if file.is_file() else "",
-        {name: path.stat().st_size for name, path in files.items()},
-        structure,
-        form,
-        scheme,
-        files,
-        unsaid,
-    )
+    sizes = {name: path.stat().st_size for name, path in files.items()}
+    return Package(file, sha256(file) if file.is_file() else "", sizes, structure, form, scheme, files, unsaid)
 
 
 def read_package(file: Path) -> Package:

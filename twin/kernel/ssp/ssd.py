@@ -17,10 +17,8 @@ from twin.kernel.ssp.structure import boolean_attribute, child_elements, grouped
 MAX_PARAMETERS = 100_000
 """Maximum number of parameters of a set, and of entries of a mapping."""
 TEXT_TYPES = ("String", "Enumeration", "Binary")
-SSD_NAMESPACE = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
 MAX_PARTS = 10_000
 """Maximum number of components and systems; a larger file would take minutes."""
-_T = TypeVar("_T")
 Item = TypeVar("Item")
 VERSION = "1.0"
 SSC, SSD, SSV, SSM = (
@@ -45,11 +43,8 @@ def parameter_set_of(root: ET.Element, where: str, source: str = "") -> ssp.Para
     values: dict[str, ssp.ParameterValue] = {}
     for element in found:
         name = element.get("name", "")
-        kinds = [
-            child
-            for child in element
-            if ssp.local_name(child) not in ("Annotations", "Dimension", "MetaData", "Signature")
-        ]
+        unread = ("Annotations", "Dimension", "MetaData", "Signature")
+        kinds = [child for child in element if ssp.local_name(child) not in unread]
         if not name or name in values or len(kinds) != 1:
             wrong = "without a name" if not name else "given twice" if name in values else "without one value"
             raise InputRefused(f"{where}: a parameter {wrong}{f', {name}' if name else ''}")
@@ -122,10 +117,10 @@ ResourceLoader = Callable[[str, str], Resource]
 def structure_of(content: bytes, where: str, load: ResourceLoader) -> ssp.Structure:
     """Parse the content of an SSP's SystemStructure.ssd; `load` loads parameter sets and mappings in other files."""
     root = parse_xml(content, where)
-    if root.tag != f"{SSD_NAMESPACE}SystemStructureDescription":
+    if root.tag != f"{SSD}SystemStructureDescription":
         raise InputRefused(
             f"{where}: <{ssp.local_name(root)}>; expected <SystemStructureDescription> of SSP 1.0 or 2.0, namespace "
-            f"{SSD_NAMESPACE[1:-1]}"
+            f"{SSD[1:-1]}"
         )
     version = root.get("version", "")
     if not re.match(r"[12]\.[0-9]", version):
@@ -145,10 +140,7 @@ def structure_of(content: bytes, where: str, load: ResourceLoader) -> ssp.Struct
     )
     experiment = ssp.DefaultExperiment()
     for stated in child_elements(root, "DefaultExperiment")[:1]:
-        start, stop = (
-            ssp.number_attribute(stated, time, where, 0.0) if stated.get(time) is not None else None
-            for time in ("startTime", "stopTime")
-        )
+        start, stop = (ssp.number_attribute(stated, time, where, None) for time in ("startTime", "stopTime"))
         experiment = ssp.DefaultExperiment(start, stop, ssp.annotations_of(stated))
     return ssp.Structure(
         name=root.get("name", ""),
@@ -221,10 +213,7 @@ class _SystemReader:
 
     def _connector(self, element: ET.Element, owner: str) -> ssp.Connector:
         self._budget.spend()
-        name, kind = (
-            ssp.required_attribute(element, "name", self._where),
-            ssp.required_attribute(element, "kind", self._where),
-        )
+        name, kind = (ssp.required_attribute(element, key, self._where) for key in ("name", "kind"))
         if kind not in get_args(ssp.ConnectorKind):
             known = ", ".join(get_args(ssp.ConnectorKind))
             raise InputRefused(f"{self._where}: {owner}.{name}: kind '{kind}'; expected {known}")
@@ -280,8 +269,8 @@ class _SystemReader:
         inline: ET.Element | None,
         type_: str,
         what: str,
-        of_element: Callable[[ET.Element, str, str], _T],
-    ) -> _T | None:
+        of_element: Callable[[ET.Element, str, str], Item],
+    ) -> Item | None:
         """Read a parameter set or mapping from its file, or from the element `inline`; None if there is neither."""
         if element.get("type", type_) != type_:
             raise InputRefused(f"{self._where}: {what} are of type '{element.get('type')}'; expected {type_}")
@@ -295,7 +284,7 @@ class _SystemReader:
             if (type_, source) not in self._known:
                 content, entry, where = self._load(source, what)
                 self._known[type_, source] = of_element(parse_xml(content, where), where, entry)
-            return cast(_T, self._known[type_, source])
+            return cast(Item, self._known[type_, source])
         stated = [one for name in ("ParameterSet", "ParameterMapping") for one in child_elements(inline, name)]
         return of_element(stated[0], f"{self._where}: {what}", "") if stated else None
 

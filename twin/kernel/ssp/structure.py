@@ -10,7 +10,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeVar
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.units import Dimension
@@ -44,6 +44,7 @@ ConnectorKind = Literal[
 ]
 """Kinds of connectors in SSP; the last three are of SSP 2.0."""
 Implementation = Literal["any", "CoSimulation", "ModelExchange", "ScheduledExecution"]
+Default = TypeVar("Default")
 
 
 @dataclass(frozen=True)
@@ -205,7 +206,7 @@ def require_unique(names: Iterable[str], what: str, where: str) -> None:
         seen.add(name)
 
 
-def number_attribute(element: ET.Element, attribute: str, where: str, default: float) -> float:
+def number_attribute(element: ET.Element, attribute: str, where: str, default: Default) -> float | Default:
     """Return an XML attribute as a finite number, `default` if it is missing; refuse other text."""
     text = element.get(attribute)
     return default if text is None else parse_finite(text, f"{where}: <{local_name(element)}> {attribute}")

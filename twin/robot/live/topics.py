@@ -13,7 +13,6 @@ from twin.kernel.recording.messages import (
     Kind,
     MessageForm,
     form_filling,
-    form_records,
     log_message,
     message_layout,
 )
@@ -78,7 +77,7 @@ class Topics:
         # at tick 0 everything is drawn
         for name, _, rows in self._scene.drawings(0, row[None, :]):
             if rows.shape[1] > 0 or self._numbers[name] in lacking:
-                record = form_records(self._layouts[name], np.array([time]), 0, rows)
+                record = self._layouts[name].records(np.array([time]), 0, rows)
                 yield Message(self._numbers[name], time, record[0, HEAD_SIZE:].tobytes())
 
 

@@ -97,7 +97,7 @@ def numbers_in(message: Any) -> list:
     return [number for name, one in inner.items() if not name.startswith("_") for number in numbers_in(one)]
 
 
-@pytest.mark.parametrize("kind", _TYPE_DEFINITIONS)
+@pytest.mark.parametrize("kind", [kind for kind in _TYPE_DEFINITIONS if "/msg/" in kind])
 def test_the_definitions_are_those_of_ros_2(kind: str):
     ours = get_types_from_msg(type_definition(kind), kind)
     theirs = get_typestore(Stores.ROS2_HUMBLE).fielddefs

@@ -51,9 +51,8 @@ def export_recording(
 ) -> ExportResult:
     """Export a recording (see `recording_in`), or another tool's log (with `maps` or a ROS 2 bag), to another format.
 
-    `patterns` are as for `selected_signals`, `rate` (Hz) as for `signal_table`, `maps` column maps of a log, see
-    `column_map`. `joints` are fields that a bag stores as JointState. Without `out`, the file has the recording's path
-    with the format's suffix.
+    `patterns` are as for `selected_signals`, `rate` (Hz) as for `signal_table`, `maps` as for `column_map`. `joints`
+    are fields that a bag stores as JointState. Without `out`, the path is the recording's with the format's suffix.
     """
     recording = _load_recording(run, maps)
     signals = selected_signals(recording, patterns)
@@ -146,4 +145,4 @@ def _stream(log: Log, topic: str, series: list[tuple[str, LogSeries]]) -> Stream
     )
     layout = messages.message_layout(1, fields)
     times = np.rint(t * NS_PER_S).astype(np.int64)
-    return Stream(fields, layout, messages.message_records(layout, fields, times, 0, np.concatenate(columns, axis=1)))
+    return Stream(fields, layout, layout.filling.records(times, 0, np.concatenate(columns, axis=1)))

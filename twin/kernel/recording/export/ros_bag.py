@@ -29,46 +29,24 @@ from twin.kernel.recording.writer import PendingMessages, append_chunks
 JointFields = Mapping[str, tuple[str, str]]
 """Field of a recording -> the side and kind of its joint values, such as `("motor", "velocity")`, for JointState."""
 JOINT_FIELDS = ("position", "velocity", "effort")
-_HEADER_TYPES = {
+_TYPE_DEFINITIONS = {
+    "sensor_msgs/msg/JointState": (
+        "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
+    ),
+    "geometry_msgs/msg/WrenchStamped": "std_msgs/Header header\ngeometry_msgs/Wrench wrench",
+    "geometry_msgs/msg/TwistStamped": "std_msgs/Header header\ngeometry_msgs/Twist twist",
+    "geometry_msgs/msg/PoseStamped": "std_msgs/Header header\ngeometry_msgs/Pose pose",
+    "std_msgs/msg/Float64MultiArray": "std_msgs/MultiArrayLayout layout\nfloat64[] data",
     "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
-}
-_VECTOR_TYPES = {"geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z"}
-_JOINT_STATE = "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
-_TYPE_DEFINITIONS = {
-    "sensor_msgs/msg/JointState": (_JOINT_STATE, _HEADER_TYPES),
-    "geometry_msgs/msg/WrenchStamped": (
-        "std_msgs/Header header\ngeometry_msgs/Wrench wrench",
-        {
-            **_HEADER_TYPES,
-            "geometry_msgs/Wrench": "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque",
-            **_VECTOR_TYPES,
-        },
-    ),
-    "geometry_msgs/msg/TwistStamped": (
-        "std_msgs/Header header\ngeometry_msgs/Twist twist",
-        {
-            **_HEADER_TYPES,
-            "geometry_msgs/Twist": "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular",
-            **_VECTOR_TYPES,
-        },
-    ),
-    "geometry_msgs/msg/PoseStamped": (
-        "std_msgs/Header header\ngeometry_msgs/Pose pose",
-        {
-            **_HEADER_TYPES,
-            "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation",
-            "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
-            "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
-        },
-    ),
-    "std_msgs/msg/Float64MultiArray": (
-        "std_msgs/MultiArrayLayout layout\nfloat64[] data",
-        {
-            "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset",
-            "std_msgs/MultiArrayDimension": "string label\nuint32 size\nuint32 stride",
-        },
-    ),
+    "geometry_msgs/Wrench": "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque",
+    "geometry_msgs/Twist": "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular",
+    "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z",
+    "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation",
+    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
+    "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
+    "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset",
+    "std_msgs/MultiArrayDimension": "string label\nuint32 size\nuint32 stride",
 }
 # unit of a vector of three -> message type, path of the vector, and the numbers after it
 _VECTOR_MESSAGES = {
@@ -102,8 +80,17 @@ class RosTopic:
 
 def type_definition(kind: str) -> str:
     """Return the definition of a ROS message type with all types it refers to, in MCAP's ros2msg encoding."""
-    own, others = _TYPE_DEFINITIONS[kind]
-    return own + "".join(f"\n{'=' * 80}\nMSG: {name}\n{text}" for name, text in others.items()) + "\n"
+    others = (f"\n{'=' * 80}\nMSG: {name}\n{_TYPE_DEFINITIONS[name]}" for name in dict.fromkeys(_inner_types(kind)))
+    return f"{_TYPE_DEFINITIONS[kind]}{''.join(others)}\n"
+
+
+def _inner_types(kind: str) -> Iterator[str]:
+    """Yield the types of a ROS message's fields, each before the types of its own fields."""
+    for line in _TYPE_DEFINITIONS[kind].splitlines():
+        inner = line.partition(" ")[0].removesuffix("[]")
+        if inner in _TYPE_DEFINITIONS:
+            yield inner
+            yield from _inner_types(inner)
 
 
 def ros_topics(topic: str, fields: Sequence[messages.Field], joints: JointFields) -> Iterator[RosTopic]:
@@ -290,7 +277,6 @@ def _records(
     template = messages.record_template(channel, topic.body)
     # the numbers are copied below: they come from structured columns, not from rows
     records = messages.Filling(template, messages.NO_PLACES).records(times, first, np.empty((len(times), 0)))
-    assert records is not None, "there are no integers"
     if topic.stamp:
         stamp = np.stack([times // NS_PER_S, times % NS_PER_S], axis=1).astype("<u4")
         at = messages.HEAD_SIZE + topic.stamp

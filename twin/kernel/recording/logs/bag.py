@@ -1,8 +1,7 @@
 """Reader of ROS 2 bags in MCAP or SQLite, compressed or not.
 
-Layout: https://github.com/ros2/rosbag2. They are opened here and not by rosbags, which reads as much as a file claims;
-here memory and time are bounded by the file's size. metadata.yaml is used only for the names of expected files, since a
-killed recorder does not write it.
+Layout: https://github.com/ros2/rosbag2. rosbags would read as much as a file claims; here memory and time are bounded
+by the file's size. metadata.yaml only gives the names of expected files, since a killed recorder does not write it.
 """
 
 import os
@@ -21,8 +20,8 @@ from twin.kernel.atomic_write import atomic_write
 from twin.kernel.files import open_regular, read_text
 from twin.kernel.recording.folder import LATEST_LINK, RECORDING_FILE
 from twin.kernel.recording.logs import decoding
-from twin.kernel.recording.logs.log import Log, LogError, MappedColumn
-from twin.kernel.recording.logs.topics import LoggedTopic, log_from_topics, maps_topic, merge_topics, read_topics
+from twin.kernel.recording.logs.log import LogError, MappedColumn
+from twin.kernel.recording.logs.topics import LoggedTopic, maps_topic, merge_topics, read_topics
 from twin.kernel.recording.summary import MAX_UNPACK_RATIO, unpack_allowance
 
 SQLITE_MAGIC = b"SQLite format 3\0"
@@ -55,12 +54,6 @@ def is_bag(path: Path) -> bool:
     return not any(os.path.lexists(path / name) for name in own) and (
         os.path.lexists(path / METADATA_FILE) or bool(_files(path))
     )
-
-
-def read_bag(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
-    """Read all files of a ROS 2 bag as one log; `columns` as for `log_from_topics`."""
-    topics, notes = bag_topics(path, columns)
-    return log_from_topics(path, topics, columns, notes)
 
 
 def bag_topics(path: Path, columns: Mapping[str, MappedColumn]) -> tuple[dict[str, LoggedTopic], list[str]]:
@@ -188,9 +181,7 @@ class BagDatabase:
         total = 0
         try:
             for row in self._bag.execute(query):
-                for value in row:
-                    if type(value) in _SIZED_TYPES:
-                        total += len(value)
+                total += sum(len(value) for value in row if type(value) in _SIZED_TYPES)
                 if total > self._size:
                     raise LogError(f"{self._file}: damaged: rows of more bytes than it has; expected a bag")
                 yield row
@@ -239,9 +230,8 @@ def _attach_definition(topic: LoggedTopic, folder: Path) -> None:
     schema = topic.schema
     if not topic.data or schema is None or schema.data or decoding.is_known(schema.name):
         return
-    texts = {}
-    for file in sorted(folder.glob("*/msg/*.msg"))[:MAX_DEFINITIONS]:
-        texts[f"{file.parent.parent.name}/msg/{file.stem}"] = read_text(file)
+    files = sorted(folder.glob("*/msg/*.msg"))[:MAX_DEFINITIONS]
+    texts = {f"{file.parent.parent.name}/msg/{file.stem}": read_text(file) for file in files}
     if schema.name in texts:
         own = texts.pop(schema.name)
         others = "".join(f"{'=' * 80}\nMSG: {name}\n{text.rstrip()}\n" for name, text in texts.items())

@@ -192,20 +192,16 @@ def _times(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64], 
         raise LogError(
             f"{table.path}: time column '{column.name}' has {len(t)} time{'s' * (len(t) != 1)}, expected at least 2"
         )
-    _check_times(table, column.name, t, table.lines[rows])
-    return t, rows
-
-
-def _check_times(table: CsvTable, name: str, t: NDArray[np.float64], lines: NDArray[np.int64]) -> None:
     backwards = np.flatnonzero(np.diff(t) <= 0.0) + 1
     if len(backwards):
         k = backwards[0]
         others = more_text(len(backwards) - 1, "time")
         what = "repeats" if t[k] == t[k - 1] else "runs backwards from"
         raise LogError(
-            f"{table.path} line {lines[k]}: time '{name}' {what} {t[k - 1]:.9g} s"
+            f"{table.path} line {table.lines[rows][k]}: time '{column.name}' {what} {t[k - 1]:.9g} s"
             f"{'' if t[k] == t[k - 1] else f' to {t[k]:.9g} s'}, expected ascending times{others}"
         )
+    return t, rows
 
 
 def _unit_of(path: Path, column: MappedColumn) -> Unit:

@@ -254,8 +254,7 @@ def _number(text: str) -> float | None:
 def _numbers(
     texts: Sequence[str], lines: Sequence[int], position: int, wrong: dict[int, WrongFields]
 ) -> NDArray[np.float64]:
-    """Parse the texts of the CSV column at `position` as numbers; invalid texts become NaN, and are added to
-    `wrong`."""
+    """Parse the texts of the CSV column at `position` as numbers; invalid ones become NaN, and are added to `wrong`."""
     try:
         values = np.fromiter(map(float, texts), np.float64, len(texts))
         # also false for NaN

@@ -108,8 +108,7 @@ def _decode_json(data: bytes) -> Any:
 def _ros_decoder(name: str, encoding: str, definition: bytes) -> Decoder:
     """Create the decoder of ROS 2 CDR messages of type `name`, as `sensor_msgs/msg/JointState`.
 
-    It raises ValueError for invalid bytes. `encoding` is one of `ROS_ENCODINGS`; ignored for ROS 2's own types, whose
-    definition is empty.
+    It raises ValueError for invalid bytes. ROS 2's own types have no definition; others in one of `ROS_ENCODINGS`.
     """
     try:
         from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
@@ -235,8 +234,7 @@ class UnknownElement(LookupError):
 
 
 def path_parts(path: str) -> tuple[str | int, ...]:
-    """Split the path of a message field: `joints.position[2]` into joints, position, 2; names with dots may be quoted:
-    `position."arm.knee"`."""
+    """Split the path of a message field, `position[2]` or `position."arm.knee"`, at brackets and unquoted dots."""
     return tuple(int(index) if index else quoted or name for quoted, name, index in PATH_PART.findall(path))
 
 
@@ -249,9 +247,8 @@ def field_value(message: Any, parts: Sequence[str | int]) -> float:
     """Return the number (or stamp, s) in a message at a path `force.z`, `joint[2]`, `header.stamp`; see `path_parts`.
 
     `position.knee` is the element of an array at the index of 'knee' in the names of the same message. The rest of the
-    path may be one name, such as `arm.knee`. LookupError: messages of this type lack the field; the text lists the
-    existing ones. `UnknownElement`: this message lacks it. ValueError: the value is neither a number nor a stamp; null
-    is NaN.
+    path may be one name, such as `arm.knee`. Null is NaN. LookupError: messages of this type lack the field; the text
+    lists the existing ones. `UnknownElement`: this message lacks it. ValueError: neither a number nor a stamp.
     """
     around: list[Any] = []
     value = message

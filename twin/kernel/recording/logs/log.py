@@ -35,8 +35,7 @@ class NoNumbers(LogError):
 class MappedColumn:
     """Column of a foreign file that a signal is read from: value in SI = sign (1 or -1) * value in `unit`.
 
-    `unit` is as the user wrote it; empty if in the column's name. `text` is all as one text, if written so: a column
-    may have that very name.
+    `unit` is as the user wrote it; empty if in the column's name. `text` is all as one text, possibly a column's name.
     """
 
     name: str
@@ -96,8 +95,7 @@ def in_gap(t: NDArray[np.float64], gaps: NDArray[np.float64]) -> NDArray[np.bool
 class LogSeries:
     """Time series of a quantity at times (s) strictly ascending: values (n,), or (n, k) from `Log.vector`.
 
-    Units are SI as in recordings: `N`, `rad/s`, `1`. `invalid` has the times (s) of further samples that were NaN, null
-    or infinite, ascending.
+    Units are SI as in recordings: `N`, `rad/s`, `1`. `invalid` has the ascending times of NaN, null or infinity.
     """
 
     t: NDArray[np.float64]

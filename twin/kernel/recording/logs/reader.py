@@ -14,10 +14,10 @@ import numpy as np
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import open_regular
 from twin.kernel.recording.folder import recording_in
-from twin.kernel.recording.logs.bag import SQLITE_MAGIC, is_bag, read_bag
+from twin.kernel.recording.logs.bag import SQLITE_MAGIC, bag_topics, is_bag
 from twin.kernel.recording.logs.csv_file import read_csv
 from twin.kernel.recording.logs.log import Log, LogError, LogSeries, MappedColumn
-from twin.kernel.recording.logs.topics import MCAP_MAGIC, read_mcap, written_by_twin
+from twin.kernel.recording.logs.topics import MCAP_MAGIC, log_from_topics, mcap_topics, written_by_twin
 from twin.kernel.recording.reader import Recording, read
 
 WALL_CLOCK = 1e8
@@ -46,12 +46,11 @@ def read_log(
     match kind_of(path):
         case LogKind.RECORDING:
             return _clip_log(recording_log(read(recording_in(path))), part)
-        case LogKind.BAG:
-            log = read_bag(path, columns or {})
-        case LogKind.MCAP:
-            log = read_mcap(path, columns or {})
         case LogKind.CSV:
             log = read_csv(path, columns or {}, known)
+        case kind:
+            topics, notes = (bag_topics if kind == LogKind.BAG else mcap_topics)(path, columns or {})
+            log = log_from_topics(path, topics, columns or {}, notes)
     return _normalise_log(log, part)
 
 
@@ -100,9 +99,7 @@ def is_recording(path: Path) -> bool:
 
 
 def recording_log(recording: Recording) -> Log:
-    """Convert a recording of twin to a log; flags and counts become numbers. Topics with fewer than two samples are
-    left out.
-    """
+    """Convert a recording of twin to a log of numbers, without topics that have fewer than two samples."""
     series: dict[str, LogSeries] = {}
     for key, field in recording.fields().items():
         t = recording.time(key.rpartition(".")[0])
@@ -143,8 +140,7 @@ def no_samples_error(where: Path | str, start: float, end: float, first: float, 
 
 
 def _normalise_log(log: Log, part: tuple[float | None, float | None]) -> Log:
-    """Finish a log after reading: count times of a wall clock from the first sample, select the `part`, add notes on
-    missing samples."""
+    """Finish a log: count times of a wall clock from the first sample, select the `part`, note missing samples."""
     notes = list(log.notes)
     series = log.series
     start = min(float(one.t[0]) for one in series.values())

@@ -21,11 +21,10 @@ from twin.kernel.errors import nearest
 from twin.kernel.recording.logs import decoding
 from twin.kernel.recording.logs.column_map import TIME_SIGNAL, require_unit, split_unit
 from twin.kernel.recording.logs.log import MAX_QUANTITY, Log, LogError, LogSeries, MappedColumn, NoNumbers
-from twin.kernel.recording.messages import RECORD_PREFIX
+from twin.kernel.recording.messages import NS_PER_S, RECORD_PREFIX
 from twin.kernel.recording.summary import decompress_chunk, unpack_allowance
 from twin.kernel.units import Dimension, Unit
 
-NS_PER_S = 1e9
 STAMP_FIELD = "header.stamp"
 MAX_CLOCK_DIFFERENCE = 1.0
 """Maximum difference of log times and stamps of one clock (s)."""
@@ -65,14 +64,29 @@ def maps_topic(topic: str, columns: Mapping[str, MappedColumn]) -> bool:
     return any(column.name.startswith(f"{topic}.") for column in columns.values())
 
 
-def topic_of(column: MappedColumn, topics: Iterable[str]) -> str | None:
-    """Find the topic that a mapped column belongs to; None without a matching topic."""
-    return max((name for name in topics if column.name.startswith(f"{name}.")), key=len, default=None)
-
-
 def factor_of(column: MappedColumn, field_path: str, of_type: str, where: Path | str) -> Unit:
     """Return a column's unit: the map's, the message's type's, the field name's, or 1; LogError begins with `where`."""
     return require_unit(column.unit or of_type or split_unit(field_path)[1] or "1", f"{where}: {column.name}")
+
+
+def time_factor(column: MappedColumn, where: str) -> Unit:
+    """Return the unit of a field of messages with their time, seconds by default; LogError begins with `where`."""
+    factor = require_unit(column.unit or split_unit(column.name)[1] or "s", f"{where}: {column.name}")
+    if factor.dimension != Dimension(s=1):
+        raise LogError(f"{where}: time '{column.name}' is in {column.unit}; expected s, ms, us, ns or min")
+    return factor
+
+
+def message_decoder(channel: Channel, schema: Schema | None, where: str) -> decoding.Decoder:
+    """Create the decoder of a topic's messages; LogError (from `where`): an unsupported encoding, an invalid schema."""
+    try:
+        decode = decoding.decoder(channel, schema)
+    except ValueError as problem:
+        raise LogError(f"{where}: {problem}") from None
+    if decode is None:
+        encoding = channel.message_encoding or "nothing known"
+        raise LogError(f"{where} is encoded as {encoding}; protobuf, json and cdr are read")
+    return decode
 
 
 def merge_topics(found: Iterable[LoggedTopic]) -> dict[str, LoggedTopic]:
@@ -94,8 +108,7 @@ def log_from_topics(
     """Create a log of the series that `columns` select from `topics`: signal -> `/TOPIC.FIELD.FIELD[INDEX]`.
 
     `time` is a field of the mapped messages; without it log times are used. LogError: no map, missing topics or fields,
-    unsupported encodings, values that are not finite, times that do not ascend or restart; all errors, one sentence
-    each.
+    unsupported encodings, values that are not finite, times that do not ascend or restart; a sentence for each error.
     """
     there = ", ".join(f"{name} ({topic.kind})" for name, topic in topics.items())
     if not any(topic.times for topic in topics.values()):
@@ -106,7 +119,7 @@ def log_from_topics(
     sources: dict[str, dict[str, str]] = {}
     for signal, column in columns.items():
         if signal != TIME_SIGNAL:
-            name = topic_of(column, topics)
+            name = max((one for one in topics if column.name.startswith(f"{one}.")), key=len, default=None)
             if name is None:
                 hint = nearest(column.name.partition(".")[0], topics, "it has {}")
                 mistakes.append(f"{path}: no topic of '{column.name}' for {signal}; {hint}")
@@ -181,19 +194,15 @@ class TopicReading:
     def __init__(
         self, path: Path, name: str, topic: LoggedTopic, time: MappedColumn | None, field_paths: Sequence[str]
     ) -> None:
-        """Decode the needed fields of a topic once, and determine the times from a field, or log times if None.
-
-        LogError: an unsupported encoding, an undecodable message, or invalid times.
-        """
+        """Decode the needed fields of a topic once, and determine its times from the field `time`, else log times."""
         self._path, self._name = path, name
         logged = np.array(topic.times, dtype=np.uint64) / NS_PER_S
         if len(logged) < 2:
             many = "s" * (len(logged) != 1)
             raise LogError(f"{path}: {name} has {len(logged)} message{many}, expected at least 2")
         stamp_path = time.name if time else STAMP_FIELD
-        found = field_numbers(path, name, topic, tuple(dict.fromkeys((*field_paths, stamp_path))))
-        self._found = found
-        stamps = found[stamp_path]
+        self._found = field_numbers(path, name, topic, tuple(dict.fromkeys((*field_paths, stamp_path))))
+        stamps = self._found[stamp_path]
         self.notes: list[str] = []
         self._by_stamp = time is not None
         self.t = logged if time is None else self._stamp_times(time, stamps, len(logged))
@@ -205,10 +214,7 @@ class TopicReading:
             self.notes += [note] if note else []
 
     def series(self, field_path: str, column: MappedColumn) -> LogSeries:
-        """Return the values of a message field as a series, in SI and in order of time.
-
-        LogError: no such field or unit, no numbers, equal times or a restart.
-        """
+        """Return the values of a message field as a series, in SI and in order of time."""
         where = f"{self._path}: {self._name}"
         numbers = self._found[field_path]
         if isinstance(numbers, LogError):
@@ -239,9 +245,7 @@ class TopicReading:
         """Compute the times of the `count` messages from their stamps (s); NaN without a stamp."""
         if isinstance(stamps, LogError):
             raise stamps
-        factor = require_unit(time.unit or split_unit(time.name)[1] or "s", f"{self._path}: {time.name}")
-        if factor.dimension != Dimension(s=1):
-            raise LogError(f"{self._path}: time '{time.name}' is in {time.unit}; expected s, ms, us, ns or min")
+        factor = time_factor(time, str(self._path))
         if not np.any(stamps.values):
             raise LogError(
                 f"{self._path}: {self._name}.{time.name} is 0 in all messages: the publisher sets none; leave "
@@ -273,13 +277,7 @@ def field_numbers(
     path: Path, name: str, topic: LoggedTopic, field_paths: Sequence[str]
 ) -> dict[str, Numbers | LogError]:
     """Extract the values at each of `field_paths` from a topic's messages, or the error for the path."""
-    try:
-        decode = decoding.decoder(topic.channel, topic.schema)
-    except ValueError as problem:
-        raise LogError(f"{path}: {name}: {problem}") from None
-    if decode is None:
-        encoding = topic.channel.message_encoding or "nothing known"
-        raise LogError(f"{path}: {name} is encoded as {encoding}; protobuf, json and cdr are read")
+    decode = message_decoder(topic.channel, topic.schema, f"{path}: {name}")
     found: dict[str, Numbers | LogError] = {}
     parts = {one: decoding.path_parts(one) for one in field_paths}
     values = {one: array("d") for one in field_paths}
@@ -321,8 +319,7 @@ def field_numbers(
 
 
 def restart_index(t: NDArray[np.float64]) -> int:
-    """Find the first restart of a log's clock: the index at which the times t (n,), n >= 2, in s, go back; 0 without a
-    restart."""
+    """Find the index of the first restart of a log's clock, where the times t (n,), n >= 2, in s, go back; else 0."""
     steps = np.diff(t)
     back = np.flatnonzero(steps < -max(MAX_OVERTAKING, MAX_OVERTAKING_PERIODS * float(np.median(np.abs(steps)))))
     return int(back[0]) + 1 if len(back) else 0
@@ -359,10 +356,10 @@ def written_by_twin(path: Path) -> bool:
     return isinstance(header, Header) and header.library.startswith("twin ")
 
 
-def read_mcap(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
-    """Read an MCAP file as a log, see `log_from_topics`; a truncated file is read up to its end, with a note."""
+def mcap_topics(path: Path, columns: Mapping[str, MappedColumn]) -> tuple[dict[str, LoggedTopic], list[str]]:
+    """Read the topics of an MCAP file, with the messages of `columns`, and a note on a truncated end."""
     found, note = read_topics(path, columns)
-    return log_from_topics(path, merge_topics(found), columns, (note,) if note else ())
+    return merge_topics(found), [note] if note else []
 
 
 def read_topics(

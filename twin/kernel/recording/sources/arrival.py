@@ -13,12 +13,9 @@ MAX_BACKLOG = 100_000
 
 
 class Arrival(NamedTuple):
-    """Message of a robot with its arrival time.
+    """Message of a robot on a topic such as `/joint_states`: bytes, or a `signals.Reading` for a table.
 
-    Attributes:
-        topic: name such as `/joint_states`.
-        arrived: arrival by a local steady clock since 1970, or log time of a log (ns).
-        data: bytes of the message; a `signals.Reading` for a table.
+    `arrived` is its arrival by a local steady clock since 1970, or the log time of a log (ns).
     """
 
     topic: str
@@ -27,12 +24,7 @@ class Arrival(NamedTuple):
 
 
 class RobotSource(Protocol):
-    """Interface of a source of a robot's messages.
-
-    Attributes:
-        name: begins error messages.
-        has_messages: whether arrivals are messages of topics; otherwise they are readings.
-    """
+    """Interface of a source of a robot's messages, or readings unless `has_messages`; `name` begins error messages."""
 
     name: str
     has_messages: bool
@@ -49,14 +41,7 @@ class RobotSource(Protocol):
         """Published topics -> types of their messages, such as `sensor_msgs/msg/JointState`."""
 
     def subscribe(self, topic: str) -> ForeignTopic | None:
-        """Subscribe to a published topic of the robot, and return its message encoding and message type.
-
-        Returns:
-            Description of the topic; None if the source has readings instead of messages, see `has_messages`.
-
-        Raises:
-            LogError: the message type is unknown.
-        """
+        """Subscribe to a topic and return its encoding and type (LogError: unknown); None for a source of readings."""
 
     def publisher_count(self, topic: str) -> int:
         """Return the number of publishers of `topic`."""
@@ -72,22 +57,17 @@ class RobotSource(Protocol):
 
 
 class Ring:
-    """Bounded queue of messages from a receiving thread to a reading thread.
+    """Bounded queue of messages between two threads; `drop_count` of them replaced the oldest in the full queue."""
 
-    Attributes:
-        drop_count: number of messages that replaced the oldest message in a full queue.
-    """
-
-    def __init__(self, size: int = MAX_BACKLOG):
-        self._waiting: deque[Arrival] = deque(maxlen=size)
+    def __init__(self) -> None:
+        self._waiting: deque[Arrival] = deque(maxlen=MAX_BACKLOG)
         self._filled = Condition()
         self.drop_count = 0
 
     def push(self, arrivals: list[Arrival]) -> None:
         """Append messages to the queue, replacing the oldest if it is full."""
         with self._filled:
-            room = (self._waiting.maxlen or 0) - len(self._waiting)
-            self.drop_count += max(0, len(arrivals) - room)
+            self.drop_count += max(0, len(self._waiting) + len(arrivals) - MAX_BACKLOG)
             self._waiting.extend(arrivals)
             self._filled.notify()
 

@@ -4,7 +4,6 @@ Readers request best effort and volatile, which every writer offers. The queue i
 reader that stalls for 0.1 s silently loses messages.
 """
 
-import contextlib
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -43,11 +42,7 @@ def raw_topic(participant: Any, topic: str, kind: str) -> Any:
 
 
 class TopicDiscovery:
-    """Publishers of ROS 2 topics that a DDS participant has discovered.
-
-    Args:
-        participant: DDS participant; its own publishers are included.
-    """
+    """Publishers of ROS 2 topics that a DDS `participant` has discovered, including its own."""
 
     def __init__(self, participant: Any):
         from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
@@ -78,16 +73,11 @@ class TopicDiscovery:
                 if alive and one.topic_name.startswith(f"{TOPIC_PREFIX}/"):
                     self._published[one.key] = one.topic_name.removeprefix(TOPIC_PREFIX), one.type_name
                 else:
-                    with contextlib.suppress(KeyError):
-                        del self._published[one.key]
+                    self._published.pop(one.key, None)
 
 
 class DdsSource:
-    """Source of a robot's messages from DDS; see `RobotSource`.
-
-    Raises:
-        InputRefused: cyclonedds is not installed, or the network is unusable.
-    """
+    """Source of a robot's messages from DDS, see `RobotSource`; InputRefused without cyclonedds or a usable network."""
 
     def __init__(self, name: str):
         try:
@@ -151,11 +141,7 @@ class DdsSource:
 
 
 def domain_id() -> int:
-    """Return the DDS domain number from the environment variable ROS_DOMAIN_ID; 0 if it is not set.
-
-    Raises:
-        InputRefused: no number from 0 to 232.
-    """
+    """Return the DDS domain number from the environment variable ROS_DOMAIN_ID; 0 if it is not set."""
     text = os.environ.get("ROS_DOMAIN_ID", "") or "0"
     if not text.isdigit() or int(text) > 232:
         raise InputRefused(f"ROS_DOMAIN_ID={text}: expected a number from 0 to 232")

@@ -10,7 +10,7 @@ import numpy as np
 from twin.kernel.recording.logs.bag import bag_topics
 from twin.kernel.recording.logs.log import LogError, MappedColumn
 from twin.kernel.recording.logs.reader import WALL_CLOCK, LogKind, interval, no_samples_error
-from twin.kernel.recording.logs.topics import LoggedTopic, NoField, TopicReading, merge_topics, read_topics
+from twin.kernel.recording.logs.topics import LoggedTopic, NoField, TopicReading, mcap_topics
 from twin.kernel.recording.sources.arrival import Arrival
 from twin.kernel.recording.writer import ForeignTopic
 
@@ -21,17 +21,8 @@ MAX_BATCH = 512
 def logged_topics(
     path: Path, kind: LogKind, columns: Mapping[str, MappedColumn]
 ) -> tuple[dict[str, LoggedTopic], list[str]]:
-    """Read the topics of a bag or of a foreign MCAP file, with the messages of the topics in `columns`, and notes on
-    missing data.
-
-    Raises:
-        LogError: damaged, or without messages.
-    """
-    if kind == LogKind.BAG:
-        topics, notes = bag_topics(path, columns)
-    else:
-        found, note = read_topics(path, columns)
-        topics, notes = merge_topics(found), [note] if note else []
+    """Read the topics of a bag or of a foreign MCAP file, with messages of `columns`, and notes; LogError if empty."""
+    topics, notes = (bag_topics if kind == LogKind.BAG else mcap_topics)(path, columns)
     if not any(topic.times for topic in topics.values()):
         raise LogError(f"{path}: no messages; expected a log")
     return topics, notes
@@ -41,7 +32,6 @@ class Playback:
     """Playback of a log as a source of messages; see `RobotSource`. Arrivals have the log's times at any speed.
 
     Args:
-        name: name of the log.
         topics: topics with their messages; empty for `readings`.
         readings: readings of a table, in order; empty for `topics`.
         speed: 1 for real time, 0 for no limit.
@@ -131,11 +121,7 @@ class Playback:
         return [one / 1e9 for one in topic.times]
 
     def _clip(self, found: list[Arrival], times: list[float]) -> list[Arrival]:
-        """Select the arrivals inside the part of the log to play, by their `times` (s).
-
-        Raises:
-            LogError: the part is empty.
-        """
+        """Select the arrivals inside the part of the log to play, by their `times` (s); LogError if there are none."""
         if self._part == (None, None) or not found:
             return found
         first, last = np.nanmin(times), np.nanmax(times)

@@ -20,8 +20,7 @@ MESSAGE_TYPES = [name for name in TYPE_STORE.fielddefs if "/msg/" in name]
 
 
 def ros_name(kind: str) -> str:
-    """Convert a DDS type name to its ROS name: `sensor_msgs::msg::dds_::JointState_` to `sensor_msgs/msg/JointState`;
-    other names are returned unchanged."""
+    """Convert a DDS type name, `sensor_msgs::msg::dds_::JointState_`, to `sensor_msgs/msg/JointState`; keep others."""
     parts = kind.split("::")
     if len(parts) == 4 and parts[2] == "dds_" and parts[3].endswith("_"):
         return f"{parts[0]}/{parts[1]}/{parts[3][:-1]}"
@@ -29,11 +28,7 @@ def ros_name(kind: str) -> str:
 
 
 def describe_topic(where: str, topic: str, kind: str) -> ForeignTopic:
-    """Describe a ROS 2 topic of type `kind`, with the type's definition.
-
-    Raises:
-        LogError: an unknown type of ROS 2; the message begins with `where`.
-    """
+    """Describe a ROS 2 topic of type `kind`, with its definition; LogError, beginning with `where`, if unknown."""
     if kind not in MESSAGE_TYPES:
         raise LogError(
             f"{where}: {topic} has the type {kind}, which ROS 2 itself has not; "

@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 from mcap.records import Channel, Schema
 
 from twin.kernel.recording.logs import decoding
-from twin.kernel.recording.logs.column_map import refuse_unit, require_unit, split_unit
+from twin.kernel.recording.logs.column_map import refuse_unit
 from twin.kernel.recording.logs.log import LogError, MappedColumn
-from twin.kernel.recording.logs.topics import STAMP_FIELD, factor_of
+from twin.kernel.recording.logs.topics import STAMP_FIELD, factor_of, message_decoder, time_factor
 from twin.kernel.recording.writer import ForeignTopic
-from twin.kernel.units import Dimension
 
 NS_PER_S = 10**9
 NAMES_FIELD = "name"
@@ -23,13 +22,7 @@ MAX_UNSTAMPED = 3
 
 
 class WantedSignal(NamedTuple):
-    """Conversion of a robot signal to a column of rows.
-
-    Attributes:
-        column: column of the rows.
-        unit: required SI unit.
-        offset, gain: the row has (value + offset) * gain.
-    """
+    """Conversion of a robot signal, which must have the SI `unit`, to a column of rows: (value + offset) * gain."""
 
     column: int
     unit: str
@@ -38,13 +31,7 @@ class WantedSignal(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """Numbers read from one message, with its stamp.
-
-    Attributes:
-        stamp: stamp by the robot's clock (ns).
-        columns: columns of a row.
-        values: value of each column.
-    """
+    """Numbers read from one message, for `columns` of a row, with its stamp by the robot's clock (ns)."""
 
     stamp: int
     columns: tuple[int, ...]
@@ -80,8 +67,7 @@ class _Places(NamedTuple):
 class MessageReader:
     """Reader that extracts the mapped signals from the messages of one topic.
 
-    Attributes:
-        stamped: whether the messages have a stamp, known from the first message on; otherwise arrival times are used.
+    `stamped`: whether the messages have a stamp, known from the first one on; otherwise arrival times are used.
     """
 
     def __init__(
@@ -92,29 +78,16 @@ class MessageReader:
         wanted: Mapping[str, WantedSignal],
         time: MappedColumn | None,
     ):
-        """Prepare the reader and its decoder for one topic.
+        """Prepare the reader and its decoder for one topic; `where` begins the error messages.
 
-        Args:
-            where: begins the error messages.
-            topic: topic of the messages.
-            columns: columns of this topic by signal.
-            wanted: use of at least the signals in `columns`.
-            time: field with the time; None for `header.stamp`, if any.
-
-        Raises:
-            LogError: an unsupported encoding or definition.
+        `columns` are of this topic, by signal, `wanted` the use of at least these signals. `time` is the field with the
+        time; None for `header.stamp`, if any. LogError: an unsupported encoding or definition.
         """
         self._where = f"{where}: {topic.name}"
         self._columns, self._wanted, self._time = columns, wanted, time
         self._prefix = len(topic.name) + 1
         schema = Schema(0, topic.definition, topic.schema_encoding, topic.type_name)
-        try:
-            decode = decoding.decoder(Channel(0, topic.name, topic.encoding, {}, 0), schema)
-        except ValueError as problem:
-            raise LogError(f"{self._where}: {problem}") from None
-        if decode is None:
-            raise LogError(f"{self._where} is encoded as {topic.encoding}; protobuf, json and cdr are read")
-        self._decode = decode
+        self._decode = message_decoder(Channel(0, topic.name, topic.encoding, {}, 0), schema, self._where)
         self._absent: dict[str, str] = {}
         self._found: set[str] = set()
         self.stamped = False
@@ -124,14 +97,9 @@ class MessageReader:
         self._places: _Places | None = None
 
     def read_message(self, data: bytes, arrived: int) -> Reading:
-        """Read the mapped signals of a message, without joints that it does not name.
+        """Read the mapped signals of a message that `arrived` at a time (ns), without joints that it does not name.
 
-        Args:
-            data: bytes of the message.
-            arrived: arrival (ns).
-
-        Raises:
-            LogError: a missing field, another unit, or invalid bytes.
+        LogError: a missing field, another unit, or invalid bytes.
         """
         try:
             message = self._decode(data)
@@ -176,8 +144,7 @@ class MessageReader:
         return Reading(stamp if self.stamped else arrived, tuple(columns), tuple(values))
 
     def _places_in(self, message: Any) -> _Places | None:
-        """Find the positions of the mapped values in a message, see `_Places`, because searching names is slow; None
-        for other messages."""
+        """Find the positions of the mapped values, as searching names is slow; None if they are not as in `_Places`."""
         names: Any = getattr(message, NAMES_FIELD, None)
         elements, paths = [], [parts for parts, _ in self._stamp]
         for one in self._fields:
@@ -243,7 +210,4 @@ class MessageReader:
             decoding.field_value(message, parts)
         except (LookupError, ValueError) as problem:
             raise LogError(f"{self._where} has no time '{column.name}'; {problem.args[0]}") from None
-        factor = require_unit(column.unit or split_unit(column.name)[1] or "s", f"{self._where}: {column.name}")
-        if factor.dimension != Dimension(s=1):
-            raise LogError(f"{self._where}: time '{column.name}' is in {column.unit}; expected s, ms, us, ns or min")
-        return ((parts, float(factor.in_si(1.0)) * NS_PER_S),)
+        return ((parts, float(time_factor(column, self._where).in_si(1.0)) * NS_PER_S),)

@@ -7,8 +7,7 @@ for it that arrive later are counted as late, and not used.
 
 Clocks: the delay from stamp to arrival is never negative except for the offset of the clocks. The smallest delay of
 each second belongs to a message that did not wait, so that these delays show the offset (least delay, as in the clock
-filter of NTP: D. L. Mills, Computer Network Time Synchronization, 2006, sec. 3.3). The offset includes the shortest
-transport.
+filter of NTP: D. L. Mills, Computer Network Time Synchronization, 2006, sec. 3.3), and the shortest transport.
 """
 
 import math
@@ -31,16 +30,14 @@ NS_PER_S = 10**9
 MIN_INTERVALS, MAX_INTERVALS = 20, 101
 """Minimum number of intervals for a known period, and maximum number of intervals in its median."""
 WHOLE_TOLERANCE, MIN_WHOLE_SHARE = 0.1, 0.9
-"""Tolerance of integer multiples of an interval, and the share of intervals that must be multiples; random intervals
-have a share of 0.2."""
+"""Tolerance of multiples of an interval, and minimum share of multiples; random intervals have a share of 0.2."""
 MIN_SINGLE_SHARE, MIN_MEDIAN_SHARE = 0.2, 0.5
 """The period is shorter than the median interval only if at least this share of all intervals are single periods, or
 less than `MIN_MEDIAN_SHARE` are near the median."""
 MIN_PERIOD_CHANGE = 0.1
 """Relative change of the period above which earlier losses are counted again with the new period."""
 RESTART_MESSAGES, SET_BACK_MESSAGES = 3, 10
-"""Number of successive messages of another clock that make a restart, or a clock set back by less than
-`MAX_OVERTAKING`."""
+"""Number of successive messages of another clock for a restart, or a clock set back by less than `MAX_OVERTAKING`."""
 MIN_ADVANCE = 10.0
 """Minimum advance of stamps against arrivals (s) for a clock that was set while its delay is unknown."""
 MIN_KNOWN_ADVANCE = 0.1
@@ -57,13 +54,10 @@ NO_COLUMNS: frozenset[int] = frozenset()
 
 
 class Sample(NamedTuple):
-    """State of the robot at one stamp, assembled from its messages.
+    """State of the robot at one stamp, assembled from its messages; missing values are NaN.
 
-    Attributes:
-        t: time since the first sample (ns); after a restart of the robot's clock it continues by arrivals.
-        row: values; NaN for missing ones.
-        arrived: arrival of the last message (ns).
-        due: time of the decision that the sample is complete (ns).
+    `t` is the time since the first sample (ns); after a restart of the robot's clock it continues by arrivals.
+    `arrived` is the arrival of the last message, `due` the time of the decision that the sample is complete (ns).
     """
 
     t: int
@@ -74,10 +68,9 @@ class Sample(NamedTuple):
 
 @dataclass
 class Counts:
-    """Counts of a session's samples and readings.
+    """Counts of a session's complete samples, and of its readings.
 
     Attributes:
-        samples: complete samples.
         gaps, missing: intervals without samples, and samples missing in them.
         incomplete: samples without all readings after the budget; they are missing, too.
         unmatched: incomplete samples before the first complete one: messages of two topics are matched by their stamps
@@ -86,7 +79,6 @@ class Counts:
         out_of_order: readings that arrived after later ones.
         late: readings that arrived after the budget.
         invalid: samples with a needed value that is not finite.
-        restarts: restarts of the robot's clock.
     """
 
     samples: int = 0
@@ -102,11 +94,7 @@ class Counts:
 
 
 class Clocks:
-    """Comparison of the robot's clock with the local one, from stamps and arrivals.
-
-    Attributes:
-        lateness: delays beyond the delay of a message without waiting.
-    """
+    """Comparison of the robot's clock with the local one; `lateness` are delays beyond that of an unqueued message."""
 
     def __init__(self) -> None:
         self.lateness = Histogram()
@@ -185,8 +173,7 @@ class _ReadingStream:
 
 
 def _period(intervals: Iterable[int]) -> float:
-    """Estimate the sampling interval (ns) from intervals with gaps, as if no samples were missing; infinite if the
-    intervals are irregular.
+    """Estimate the sampling interval (ns) from intervals with gaps, as if without; infinite if they are irregular.
 
     It is the median. If most intervals are several times as long, because of losses, it is their common divisor. A late
     message causes one long and one short interval, which is not sufficient. Jittering stamps are not multiples of their
@@ -228,7 +215,6 @@ class Aligner:
     """Alignment of readings from several messages to samples, by their stamps.
 
     Attributes:
-        counts: counts so far.
         clocks: clocks by the needed columns.
         gaps: (start, end) of new gaps, ns since the first sample.
         period: sampling period (ns); infinite if unknown or irregular.
@@ -237,14 +223,12 @@ class Aligner:
     """
 
     def __init__(self, width: int, needed: Sequence[int], lateness: float, learns_first: bool = False):
-        """Create an aligner, still without readings.
+        """Create an aligner for rows of `width` values, still without readings.
 
         Args:
-            width: width of a row.
             needed: needed columns of a sample. Other columns belong to the first sample at or after their stamp.
             lateness: budget (s) for late readings.
-            learns_first: whether the first readings wait until the periods of all needed columns are known, so that no
-                row of several topics is lost; for logs.
+            learns_first: whether the first readings wait for the periods, so that no row of several topics is lost.
         """
         self._waiting: list[tuple[str, int, Reading]] | None = [] if learns_first else None
         self._learning: dict[tuple[str, tuple[int, ...]], _ReadingStream] = {}
@@ -286,8 +270,7 @@ class Aligner:
         return self._begin() if self._knows_periods(topic, arrived, reading) else []
 
     def _knows_periods(self, topic: str, arrived: int, reading: Reading) -> bool:
-        """Check whether waiting readings can be aligned: the periods of all needed columns are known with this reading,
-        or not needed."""
+        """Check whether waiting readings can be aligned: the periods of all needed columns are known, or not needed."""
         assert self._waiting is not None
         key, there = (topic, reading.columns), self._needed.intersection(reading.columns)
         stream = self._learning.setdefault(key, _ReadingStream(there))
@@ -307,9 +290,7 @@ class Aligner:
         stream = self._stream(key)
         if not stream.there:
             stream.add(reading.stamp)
-            side = self._sides.get(key)
-            if side is None:
-                side = self._sides[key] = deque(maxlen=MAX_SIDE_READINGS)
+            side = self._sides.setdefault(key, deque(maxlen=MAX_SIDE_READINGS))
             if len(side) == side.maxlen:
                 # without samples the oldest are dropped
                 side.popleft()
@@ -327,11 +308,9 @@ class Aligner:
         return self.ready_samples(arrived)
 
     def ready_samples(self, now: int, end: bool = False) -> list[Sample]:
-        """Return the pending samples that are complete because no earlier data can arrive.
+        """Return the pending samples that are complete because no earlier data can arrive; at the source's `end`, all.
 
-        Args:
-            now: present time (ns, by the clock of arrivals).
-            end: whether the source has ended.
+        `now` is the present time (ns, by the clock of arrivals).
         """
         found = self._begin() if end and self._waiting else []
         while self._pending:
@@ -372,10 +351,7 @@ class Aligner:
         stream.add(reading.stamp)
         if partial is None:
             partial = _PartialSample(reading.stamp, [math.nan] * self._width, NO_COLUMNS, arrived)
-            if self._pending:
-                insort(self._pending, partial)
-            else:
-                self._pending.append(partial)
+            insort(self._pending, partial)
         for column, value in zip(reading.columns, reading.values, strict=True):
             partial.row[column] = value
         if partial.stamp != reading.stamp and min(self._needed) in there:
@@ -386,8 +362,7 @@ class Aligner:
         partial.arrived = arrived
 
     def _partial(self, stamp: int, there: frozenset[int], period: float) -> _PartialSample | None:
-        """Find the pending sample that a reading belongs to: equal stamp, or a near stamp and the reading's columns
-        still missing."""
+        """Find the pending sample of a reading: of equal stamp, or of a near one with the reading's columns missing."""
         nearest = None
         for one in self._pending:
             if one.stamp == stamp:
@@ -466,8 +441,7 @@ class Aligner:
         interval.missing = missing
 
     def _messages_to_restart(self, stamp: int, arrived: int) -> int:
-        """Return the number of successive messages like this one that make a restart of the robot's clock; 0 if the
-        message fits the clock."""
+        """Return how many successive messages like this one make a restart of the robot's clock; 0 if it fits."""
         if self._last < 0:
             return 0
         if stamp > self._last:
@@ -491,8 +465,7 @@ class Aligner:
             self.counts.late += by * (not known)
 
     def _restart(self, arrived: int) -> list[Sample]:
-        """Complete the last samples of the robot's previous clock, begin with the messages of the new clock, and return
-        the samples."""
+        """Complete the samples of the robot's previous clock, begin with the new clock's messages; return samples."""
         found = self.ready_samples(arrived, end=True)
         suspects, self._suspects = self._suspects, []
         for _, _, reading in suspects:

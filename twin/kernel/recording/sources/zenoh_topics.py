@@ -25,11 +25,7 @@ TOKEN_PARTS = 13
 
 
 class ZenohSource:
-    """Source of a robot's messages from zenoh; see `RobotSource`.
-
-    Raises:
-        InputRefused: eclipse-zenoh is not installed, or the router is missing.
-    """
+    """Source of a robot's messages from zenoh, see `RobotSource`; InputRefused without eclipse-zenoh or a router."""
 
     def __init__(self, name: str):
         try:
