@@ -20,6 +20,7 @@ from twin.kernel.cosim.observers import simulate
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.assemble import COMPONENT_ROWS, assemble
 from twin.robot.assembly.load import load_experiment, recorded_experiment
@@ -135,6 +136,7 @@ def test_inputs_of_a_sampled_part_are_held_where_they_could_rise_over_a_step(law
     able = with_description(law, tmp_path / "law.fmu", "<CoSimulation ", '<CoSimulation canInterpolateInputs="true" ')
     smooth = with_description(able, tmp_path / "smooth.fmu", ' variability="discrete"', "")
     component = planned(smooth).part("controller", 1e-3, 2, 10)
+    assert isinstance(component, FmuComponent)
     try:
         inputs = component.instance.description.variables_of("input")
         assert inputs and not any(map(component.instance.takes_ramp, inputs))

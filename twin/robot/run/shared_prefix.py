@@ -60,6 +60,7 @@ class SharedPrefix:
 
     def __init__(self, experiment: Experiment, observers: Sequence[Observer] = ()):
         self.experiment = experiment
+        self._assembly: Assembly | None = None
         self._states: list[SystemState] = []
         self._make(observers)
 
@@ -101,8 +102,8 @@ class SharedPrefix:
         return done
 
     def _make(self, observers: Sequence[Observer] = ()) -> None:
-        self._assembly: Assembly | None = assemble(self.experiment)
-        components = self._assembly.system.components
+        self._assembly = assembly = assemble(self.experiment)
+        components = assembly.system.components
         self.lacking = "; ".join(stateless_reasons(components, portable=False))
         self._as_made = [(one, one.memory.copy()) for one in components if isinstance(one, NativeComponent)]
         if not self.lacking:
