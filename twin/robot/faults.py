@@ -99,13 +99,10 @@ def command_step(m, t, h, u, y):
 
 
 class FaultComponent(NativeComponent):
-    """Base of components that break signals of a healthy system.
-
-    Attributes:
-        numbers: numbers of the [[fault]] table that the memory holds unrounded: attribute -> (field, factor).
-    """
+    """Base of components that break signals of a healthy system."""
 
     numbers: Mapping[str, tuple[str, float]] = {}
+    """Numbers of the [[fault]] table that the memory holds unrounded: attribute -> (field, factor)."""
 
     def join_run(self, tick: int) -> None:
         """Let the fault join a run at `tick`, as if it had been present but inactive from the start."""
@@ -124,12 +121,7 @@ class FaultComponent(NativeComponent):
 
 
 class CommandFault(FaultComponent):
-    """Sampled fault component: limits the commanded drive speeds to +-limit while active.
-
-    Args:
-        limit: limit of the drives' speed (rad/s).
-        size: number of drives behind it.
-    """
+    """Sampled fault component: limits the commanded speeds of `size` drives to +-`limit` (rad/s) while active."""
 
     def __init__(self, name: str, span: Span, limit: float, size: int):
         port = Port("omega_ref", size, "rad/s", "commanded motor speed, as far as the drive can follow")
@@ -272,20 +264,6 @@ LAW_FIELDS: dict[CountLaw, dict[str, str]] = {
 }
 """Numbers of a [[fault]] table that a law takes unchanged, and their field in its memory."""
 
-# compiled code compares plain integers
-(
-    _BIAS_LAW,
-    _DRIFT_LAW,
-    _QUANTISATION_LAW,
-    _HOLD_LAW,
-    _ZERO_LAW,
-    _NAN_LAW,
-    _STUCK_LAW,
-    _GLITCH_LAW,
-    _FLIP_LAW,
-    _SWAP_LAW,
-) = (int(law) for law in CountLaw)
-
 
 @njit(cache=True)
 def round_half_up(count):
@@ -299,9 +277,9 @@ def lost_count(m, count):
     if next_uniform(m) >= m.share:
         m.held = count
         return count
-    if m.law == _HOLD_LAW:
+    if m.law == CountLaw.DROPOUT_HOLD:
         return m.held
-    return 0.0 if m.law == _ZERO_LAW else np.nan
+    return 0.0 if m.law == CountLaw.DROPOUT_ZERO else np.nan
 
 
 @njit(cache=True)
@@ -322,19 +300,19 @@ def spiked_count(m, count):
 def faulty_count(m, counts, k):
     """Return the faulty count of an encoder at tick `k`, computed from the clean counts."""
     count = counts[m.element]
-    if m.law == _BIAS_LAW:
+    if m.law == CountLaw.BIAS:
         return count + round_half_up(m.counts)
-    if m.law == _DRIFT_LAW:
+    if m.law == CountLaw.DRIFT:
         return count + round_half_up(m.counts * (k - m.window.onset))
-    if m.law == _QUANTISATION_LAW:
+    if m.law == CountLaw.QUANTISATION:
         return m.counts * round_half_up(count / m.counts)
-    if m.law == _STUCK_LAW:
+    if m.law == CountLaw.STUCK:
         return m.held
-    if m.law == _GLITCH_LAW:
+    if m.law == CountLaw.GLITCH:
         return spiked_count(m, count)
-    if m.law == _FLIP_LAW:
+    if m.law == CountLaw.FLIP:
         return -count
-    if m.law == _SWAP_LAW:
+    if m.law == CountLaw.SWAP:
         return counts[m.partner]
     return lost_count(m, count)
 
@@ -351,7 +329,7 @@ def count_step(m, t, h, u, y):
         m.held = counts[m.element]
     if active:
         delivered[m.element] = faulty_count(m, counts, k)
-        if m.law == _SWAP_LAW:
+        if m.law == CountLaw.SWAP:
             delivered[m.partner] = counts[m.element]
     y.active = active
     return 0
@@ -363,7 +341,6 @@ class CountFault(FaultComponent):
     Counts stay whole numbers, but the port is of kind "double": a lost count may be NaN.
 
     Args:
-        port: the encoder's port of counts (3).
         element: index of the count, 0 to 2.
         counts: offset in counts, size of one step, or drift per tick.
         share: share of samples that are lost, or have a glitch.
@@ -455,12 +432,11 @@ def message_step(m, t, h, u, y):
 
 
 class MessageFault(FaultComponent):
-    """Sampled fault component: passes on a sender's ports, late or held while active.
+    """Sampled fault component: passes on a sender's ports, which make one message, late or held while active.
 
     After the fault readers get the sender's present message at once; messages under way are dropped.
 
     Args:
-        ports: ports of the sender that make one message.
         sender_period: period of the sender (ticks).
         least, most: range of the time under way (ticks).
         share: share of messages that are lost.

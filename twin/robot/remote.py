@@ -105,7 +105,6 @@ class RemoteLink:
     """Link from the served robot to a remote controller: the mailbox, and the rules of its commands.
 
     Attributes:
-        mailbox: mailbox whose other end speaks to the controller.
         lockstep: whether each sample waits for its answer.
         watchdog: time without a command (s) after which the commanded speeds are 0; 0 for none.
         silence: further time (s) after which the safety monitor trips; 0 for none.
@@ -252,14 +251,10 @@ def remote_step(m, t, h, u, y):
 
 
 class RemoteController(NativeComponent):
-    """Sampled component of a remote controller.
+    """Sampled component of a remote controller; `tick` in s, `period` in ticks.
 
-    Args:
-        link: mailbox and rules.
-        tick: duration of a tick (s).
-        period: period in ticks.
-        scale, effort: whether the robot measures the force on a scale, and the torques of all motors.
-        monitored: whether a safety monitor reads the commands.
+    `scale` and `effort`: whether the robot measures the force on a scale, and the torques of all motors. `monitored`:
+    whether a safety monitor reads the commands.
     """
 
     def __init__(self, link: RemoteLink, tick: float, period: int, scale: bool, effort: bool, monitored: bool):

@@ -131,10 +131,8 @@ def poses(
 ) -> NDArray[np.float64]:
     """Compute position (m) and unit quaternion (x, y, z, w) of each part of the robot's drawing in frame B.
 
-    Args:
-        theta_l: angles of the proximal links in rad, (n, 3).
-        p_B: platform position in m, (n, 3).
-        surface_B: pose of the surface, (n, POSE_SIZE).
+    Angles of the proximal links `theta_l` (rad) and platform position (m) are (n, 3), poses of the surface
+    (n, POSE_SIZE).
     """
     joints = skeleton(geometry, theta_l, p_B)
     found = np.empty((len(p_B), len(SCENE_FRAMES), POSE_SIZE))
@@ -294,10 +292,7 @@ def arrows(
 ) -> NDArray[np.float64]:
     """Compute the numbers of the force arrows' message for each row, (n, ARROWS_WIDTH).
 
-    Args:
-        p_B: true platform position in m, (n, 3).
-        F_ee_B: true force by the robot on the environment in N, (n, 3).
-        estimate_B: estimated force in N, (n, 3).
+    True platform position (m), true force by the robot on the environment and estimated force (N) are (n, 3).
     """
     found = np.empty((len(p_B), ARROWS_WIDTH))
     _put_arrows(*map(np.ascontiguousarray, (p_B, F_ee_B, estimate_B)), len(p_B), found)
@@ -328,11 +323,7 @@ class Drawing(NamedTuple):
 
 
 class Scene:
-    """Converts the rows of a run to 3D drawings of the robot.
-
-    Attributes:
-        forms: message forms of the drawings: `scene`, `tf` and `force`.
-    """
+    """Converts the rows of a run to 3D drawings of the robot, with the message `forms` scene, tf and force."""
 
     def __init__(self, experiment: Experiment, system: System):
         """Prepare to draw the run of an experiment by a system with a plant and an estimator."""

@@ -49,10 +49,6 @@ class DriveLaw(IntEnum):
     DRIVE_FAILURE = 4
 
 
-# plain integers, for comparisons in compiled code
-_RUNAWAY_LAW, _FREEWHEEL_LAW, _DEAD_LAW, _JAM_LAW, _FAILURE_LAW = (int(law) for law in DriveLaw)
-
-
 def shaft_inputs(monitored: bool) -> tuple[Port, ...]:
     """Return the input ports of a faulty drive's shaft, with or without a power signal."""
     return (DRIVE_SHAFT, TAU_LOAD, POWER_PORT) if monitored else (DRIVE_SHAFT, TAU_LOAD)
@@ -75,12 +71,12 @@ def free_shaft(theta_m, omega_m, tau_load, h):
 def turn_shaft(m, drive, tau_load, power, h):
     """Turn the shaft behind a faulty drive for `h` seconds; `drive` is the new angle of the drive's own shaft."""
     before = m.theta_m
-    if m.law == _FREEWHEEL_LAW:
+    if m.law == DriveLaw.DRIVE_FREEWHEEL:
         m.theta_m, m.omega_m = free_shaft(m.theta_m, m.omega_m, tau_load, h)
         return
-    if m.law == _RUNAWAY_LAW and power != 0.0:
+    if m.law == DriveLaw.DRIVE_RUNAWAY and power != 0.0:
         m.theta_m += h * m.omega
-    if m.law == _JAM_LAW:
+    if m.law == DriveLaw.JOINT_JAM:
         m.theta_m = min(m.theta_m + drive - m.drive, m.stop)
     m.omega_m = (m.theta_m - before) / h
 
@@ -97,7 +93,7 @@ def make_shaft_step(monitored):
             power = u.power
         k = tick_now(m.window)
         active = is_active(m.window, k)
-        if active and m.law == _FAILURE_LAW:
+        if active and m.law == DriveLaw.DRIVE_FAILURE:
             return FAILED_STATUS
         if active:
             if k == m.window.onset:
@@ -163,11 +159,9 @@ class UnpoweredParameters(NamedTuple):
     """Parameters of an unpowered shaft, SI.
 
     Attributes:
-        holding: maximum holding torque of gears and bearings (N m).
-        brake: additional torque of a brake (N m).
+        holding, brake: maximum holding torque of gears and bearings, and additional torque of a brake (N m).
         own_line: whether the monitor controls the brake directly rather than through the power.
-        J: inertia of the shaft (kg m2).
-        b: viscous friction (N m s/rad).
+        J, b: inertia (kg m2) and viscous friction (N m s/rad).
     """
 
     holding: float
@@ -214,12 +208,10 @@ def unpowered_step(m, t, h, u, y):
 class UnpoweredShaft(NativeComponent):
     """Continuous component behind a drive and its faults: passes the shaft on until the power is cut for good.
 
-    Args:
-        theta_m: angle before tick 0 (rad).
-        period: period of the drive, in ticks.
+    `theta_m` is the angle before tick 0 (rad).
     """
 
-    def __init__(self, name: str, unpowered: UnpoweredParameters, theta_m: float, period: int = 1):
+    def __init__(self, name: str, unpowered: UnpoweredParameters, theta_m: float):
         memory = memory_of(UNPOWERED_MEMORY, unpowered=tuple(unpowered), theta_m=theta_m)
         initial = np.array([theta_m, 0.0])
-        super().__init__(name, UNPOWERED_INPUTS, UNPOWERED_OUTPUTS, False, unpowered_step, memory, initial, period)
+        super().__init__(name, UNPOWERED_INPUTS, UNPOWERED_OUTPUTS, False, unpowered_step, memory, initial)

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.robot.assembly.test_roles import planned
+from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.stepping import FmuPort, Stepping, port_slots
 
 
@@ -12,7 +13,8 @@ from twin.kernel.fmi.stepping import FmuPort, Stepping, port_slots
 def test_there_is_room_for_every_value_and_for_the_one_before(root: Path, side: str, access: str):
     plan = planned(root / "fmus" / "parts" / "paper_law" / "paper_law.fmu")
     ports = [FmuPort(b.port, b.variable, b.gain, b.offset) for b in plan.bindings if b.role.causality == side]
-    component = plan.component("controller", 1e-3, 2, 10)
+    component = plan.part("controller", 1e-3, 2, 10)
+    assert isinstance(component, FmuComponent)
     try:
         stepping = Stepping(component.instance)
         table = stepping._group_table(port_slots(ports), access)

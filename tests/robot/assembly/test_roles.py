@@ -20,6 +20,7 @@ from twin.kernel.cosim.observers import simulate
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.assemble import COMPONENT_ROWS, assemble
 from twin.robot.assembly.load import load_experiment, recorded_experiment
@@ -122,7 +123,7 @@ def test_a_list_of_one_variable_says_what_the_variable_says(law: Path):
 def test_an_input_that_has_been_given_a_value_keeps_it_and_is_fed_by_nobody(law: Path):
     plan = planned(law, way_1=0.0, way_2=0.01, way_3=-0.1)
     assert "p_ref_B" not in [port.name for port in plan.inputs]
-    component = plan.component("controller", 1e-3, 2, 10)
+    component = plan.part("controller", 1e-3, 2, 10)
     try:
         rows, status = play(component, np.zeros(1), np.full(1, 2e-3), np.zeros((1, 18)))
         assert status == 0
@@ -134,7 +135,8 @@ def test_an_input_that_has_been_given_a_value_keeps_it_and_is_fed_by_nobody(law:
 def test_inputs_of_a_sampled_part_are_held_where_they_could_rise_over_a_step(law: Path, tmp_path: Path):
     able = with_description(law, tmp_path / "law.fmu", "<CoSimulation ", '<CoSimulation canInterpolateInputs="true" ')
     smooth = with_description(able, tmp_path / "smooth.fmu", ' variability="discrete"', "")
-    component = planned(smooth).component("controller", 1e-3, 2, 10)
+    component = planned(smooth).part("controller", 1e-3, 2, 10)
+    assert isinstance(component, FmuComponent)
     try:
         inputs = component.instance.description.variables_of("input")
         assert inputs and not any(map(component.instance.takes_ramp, inputs))
@@ -201,7 +203,7 @@ def test_a_sampled_part_is_called_at_its_samples_and_told_when_the_last_step_end
             super().__init__(*args)
 
     monkeypatch.setattr(component, "CosimInstance", Told)
-    made = planned(law).component("controller", 1e-3, 2, 101)
+    made = planned(law).part("controller", 1e-3, 2, 101)
     made.close()
     assert (made.sampled, made.period, told) == (True, 2, [100 * 1e-3 + 2 * 1e-3])
 

@@ -7,15 +7,16 @@ from numpy.typing import NDArray
 
 from tests.laws.runs import ComponentStepper, shipped
 from twin.robot.assembly.build import monitor_belief, monitor_limits
+from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.mechanism.statics import Masses, environment_force
-from twin.robot.monitor.component import MonitorBelief, SafetyMonitor, geometry_of_belief
+from twin.robot.monitor.component import MonitorBelief, SafetyMonitor
 from twin.robot.monitor.limits import Limits
 from twin.robot.monitor.limits import Monitor as Section
 from twin.robot.monitor.reasons import Trip
 
 BELIEF = monitor_belief(shipped().robot)
-GEOMETRY = geometry_of_belief(BELIEF)
+GEOMETRY = geometry_of(BELIEF)
 MASSES = Masses(BELIEF.m_a, BELIEF.m_b, BELIEF.m_p, 0.0)
 LIMITS: Limits = monitor_limits(Section(), speed_limit=8.0)
 DT = 2e-3

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +23,6 @@ from twin.robot.experiment.schema import WayPoints
 from twin.robot.faults import FaultComponent, MessageFault
 from twin.robot.run.shared_prefix import (
     MAX_STATES,
-    SHARING_DISABLED,
     SharedPrefix,
     prefix_experiment,
     simulate_variants,
@@ -75,7 +75,7 @@ def with_fault(experiment: Experiment, fault: Fault) -> Experiment:
 )
 def test_every_signal_of_a_fault_has_the_bits_of_a_run_from_the_start(settings: tuple[str, ...], fault: Fault):
     experiment = with_fault(pressing(6.5, *settings), fault)
-    with SharedPrefix(prefix_experiment(experiment)) as past:
+    with closing(SharedPrefix(prefix_experiment(experiment))) as past:
         assert not past.lacking
         assert_ends_alike(gone_on(past, experiment), run_in_memory(experiment))
 
@@ -84,7 +84,7 @@ def test_nothing_of_a_run_is_left_in_the_next_one():
     changing = 'change=[{t_s = 3.0, key = "controller.force.ki_mm_per_N_s", value = 9.0}]'
     base = pressing(6.5, changing)
     trace = Trace()
-    with SharedPrefix(base, [trace]) as past:
+    with closing(SharedPrefix(base, [trace])) as past:
         for fault in (SOFT, GLITCH, Fault("belief_k_s", "estimator", 2000, magnitude=1.2), RUNAWAY, SOFT):
             one = with_fault(base, fault)
             assert_ends_alike(gone_on(past, one, fault.onset), run_in_memory(one))
@@ -95,14 +95,14 @@ def test_nothing_of_a_run_is_left_in_the_next_one():
 def test_a_change_that_acts_later_goes_on_from_the_run_without_it():
     base = pressing(6.5)
     later = pressing(6.5, 'change=[{t_s = 5.508, key = "controller.force.ki_mm_per_N_s", value = 9.0}]')
-    with SharedPrefix(base) as past:
+    with closing(SharedPrefix(base)) as past:
         assert_ends_alike(gone_on(past, later), run_in_memory(later))
 
 
 def test_rows_before_the_state_are_those_of_the_past():
     base = pressing(6.5)
     before = Trace(only=("plant.F_ee_B", "plant.p_B"))
-    with SharedPrefix(base, [before]) as past:
+    with closing(SharedPrefix(base, [before])) as past:
         trace = Trace(only=("plant.F_ee_B", "plant.p_B"), past=before)
         past.run_variant(with_fault(base, SOFT), ONSET, [trace])
     whole = run_in_memory(with_fault(base, SOFT))
@@ -114,21 +114,15 @@ def test_without_a_state_it_is_said_and_runs_are_made_from_the_start():
     base = load_experiment(EXPERIMENTS / "pressing.toml", (), "modelica_dc")
     base = replace(base, duration_ticks=300)
     experiment = with_fault(base, Fault("drive_dead", "drive_1", 200))
-    with SharedPrefix(base) as past:
+    with closing(SharedPrefix(base)) as past:
         assert "modelica_dc.fmu (drive_1) has no FMU state" in past.lacking
         np.testing.assert_array_equal(gone_on(past, experiment, 200).values, run_in_memory(experiment).values)
-
-
-def test_sharing_can_be_switched_off():
-    with SharedPrefix(pressing(1), share=False) as past:
-        assert past.lacking == SHARING_DISABLED
-        assert len(gone_on(past, pressing(1), 900).t) == 1001
 
 
 def test_an_fmu_that_does_not_restore_what_it_says_is_found_and_shares_nothing(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(FmuStates, "restore_state", lambda self, token: None)
     base = pressing(6.5)
-    with SharedPrefix(base) as past:
+    with closing(SharedPrefix(base)) as past:
         assert past.lacking == "a component does not reproduce its numbers from a saved state"
         np.testing.assert_array_equal(gone_on(past, base).values, run_in_memory(base).values)
 
@@ -147,7 +141,7 @@ def test_states_are_few_and_freed(monkeypatch: pytest.MonkeyPatch):
 
     monkeypatch.setattr(FmuStates, "save_state", taken)
     monkeypatch.setattr(FmuStates, "free", freed)
-    with SharedPrefix(pressing(2)) as past:
+    with closing(SharedPrefix(pressing(2))) as past:
         assert sum(held) <= 3 * MAX_STATES
         for _ in range(5):
             gone_on(past, with_fault(pressing(2), Fault("drive_dead", "drive_1", 900)), 900)
@@ -165,7 +159,7 @@ def test_a_state_that_is_handed_over_a_tick_late_is_seen(monkeypatch: pytest.Mon
 
     monkeypatch.setattr(Simulation, "copy_from", late)
     experiment = with_fault(pressing(6.5), SOFT)
-    with SharedPrefix(prefix_experiment(experiment)) as past, pytest.raises(AssertionError):
+    with closing(SharedPrefix(prefix_experiment(experiment))) as past, pytest.raises(AssertionError):
         assert_ends_alike(gone_on(past, experiment), run_in_memory(experiment))
 
 
@@ -179,7 +173,7 @@ def test_a_fault_that_does_not_come_in_as_if_it_had_been_there_is_seen(
     idle = {"join_run": lambda self, tick: None, "idle_outputs": lambda self, given: np.zeros(width(self.outputs))}
     monkeypatch.setattr(kind, left_out, idle[left_out])
     experiment = with_fault(pressing(6.5), fault)
-    with SharedPrefix(prefix_experiment(experiment)) as past, pytest.raises(AssertionError):
+    with closing(SharedPrefix(prefix_experiment(experiment))) as past, pytest.raises(AssertionError):
         assert_ends_alike(gone_on(past, experiment), run_in_memory(experiment))
 
 
@@ -209,7 +203,7 @@ def test_where_a_part_has_failed_all_is_made_anew(root: Path, tmp_path: Path, mo
     base = shipped(FORCE, f"controller.python={tmp_path}/fragile.py:Fragile")
     base = replace(base, duration_ticks=500)
     felt, unfelt = (Fault("encoder_bias", "joint_encoder_1", 300, magnitude=angle) for angle in (0.3, 0.01))
-    with SharedPrefix(base) as past:
+    with closing(SharedPrefix(base)) as past:
         for _ in range(2):
             trace = Trace(only=("plant.F_ee_B",))
             failure = past.run_variant(with_fault(base, felt), 300, [trace]).failure

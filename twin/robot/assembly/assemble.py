@@ -70,7 +70,6 @@ class ComponentRow(NamedTuple):
 
     Attributes:
         name: name of the row, and of its component if there is only one.
-        parts: returns the constructors of its components; empty if the experiment has no such component.
         inputs: candidate sources (row, port) by port; the first one whose row has components is used.
     """
 
@@ -80,7 +79,6 @@ class ComponentRow(NamedTuple):
 
 
 def _row(name: str, parts: Parts, **inputs: str | tuple[str, ...]) -> ComponentRow:
-    """Build a row of the robot's component table from its input sources, each written as "row.port"."""
     named = {port: (source,) if isinstance(source, str) else source for port, source in inputs.items()}
     return ComponentRow(name, parts, {port: tuple(map(_parse_row_port, sources)) for port, sources in named.items()})
 
@@ -143,11 +141,7 @@ COMPONENT_ROWS = (
 
 
 def connect_components(made: Mapping[str, list[Component]]) -> Feeds:
-    """Wire the robot's components, given by table row, and return the source of each input.
-
-    Raises:
-        InputRefused: a component lacks a port that another one needs, or its size differs.
-    """
+    """Wire the robot's components, given by table row, and return the source of each input."""
     feeds: Feeds = {}
     for row in COMPONENT_ROWS:
         for port, sources in row.inputs.items():
@@ -214,12 +208,6 @@ def tunable_parameters(experiment: Experiment, system: System) -> dict[str, Tuna
     return found
 
 
-def scheduled_changes(experiment: Experiment, system: System) -> tuple[MemoryChange, ...]:
-    """Convert the experiment's scheduled parameter changes to memory writes in the assembled system."""
-    found = tunable_parameters(experiment, system)
-    return tuple(MemoryChange(c.tick, found[c.key].memory, c.value) for c in experiment.changes if c.key in found)
-
-
 HOOKS.before_compiling.append(compile_in_background)
 
 
@@ -228,8 +216,6 @@ class Assembly:
     """The assembled robot: a system that owns its FMU instances. A context manager that frees them.
 
     Attributes:
-        system: system, ready to be simulated.
-        drives: plans of the three joints' drives.
         substituted: description of each substitute, by the name of the replaced component.
         resources: contexts of drives in other processes, closed last.
         third_party: third-party parts of the experiment, by role.
@@ -313,16 +299,14 @@ def assemble(
 
 
 def assemble_system(experiment: Experiment, made: Mapping[str, list[Component]]) -> System:
-    """Build the system from existing components, given by table row, with the experiment's faults and changes.
-
-    Raises:
-        InputRefused: components or a fault do not fit.
-    """
+    """Build the system from existing components, given by table row, with the experiment's faults and changes."""
     components, feeds = inject_faults(experiment, [c for row in made.values() for c in row], connect_components(made))
     cosim = experiment.cosim
     pairs = wires(feeds | _end_feeds(feeds, components), components)
     system = System(components, pairs, cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)
-    system.changes = scheduled_changes(experiment, system)
+    found = tunable_parameters(experiment, system)
+    changes = (change for change in experiment.changes if change.key in found)
+    system.changes = tuple(MemoryChange(change.tick, found[change.key].memory, change.value) for change in changes)
     return system
 
 

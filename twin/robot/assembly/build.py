@@ -91,11 +91,6 @@ def surface_motions(contact: Contact) -> tuple[Motion, ...]:
     return tuple(table.motion for table in contact.motions)
 
 
-def fault_motions(faults: Sequence[Fault], tick: float) -> tuple[Motion, ...]:
-    """Return the surface motions caused by faults of the body; the tick is in s."""
-    return tuple(motion for fault in faults if (motion := _fault_motion(fault, tick)) is not None)
-
-
 def _fault_motion(fault: Fault, tick: float) -> Motion | None:
     onset, end = fault.onset * tick, math.inf if fault.end == NO_END_TICK else fault.end * tick
     up, down = (0.0, 0.0, fault.magnitude), (0.0, 0.0, -fault.magnitude)
@@ -110,13 +105,10 @@ def _fault_motion(fault: Fault, tick: float) -> Motion | None:
 
 
 class DriveMaker(Protocol):
-    """Interface of a factory that creates the components of drives.
-
-    Attributes:
-        one_process: whether all its drives run in this process.
-    """
+    """Interface of a factory that creates the components of drives."""
 
     one_process: bool
+    """Whether all its drives run in this process."""
 
     def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
         """Create the component of a drive, in this process or in another one."""
@@ -134,13 +126,9 @@ class Build:
     """The robot to build, at rest in static equilibrium at the start of its experiment.
 
     Attributes:
-        experiment: experiment to build.
-        plans: plans of the three joints' drives.
-        maker: factory for the drives.
         plant: plant at rest.
         theta_m: motor angles in that equilibrium (3,), rad.
         third_party: third-party parts, by role.
-        remote: link to a remote controller; None for none.
     """
 
     experiment: Experiment
@@ -158,11 +146,7 @@ Parts = Callable[[Build], Makers]
 
 
 def planned_drives(experiment: Experiment) -> tuple[DrivePlan, ...]:
-    """Check the joints' drives without loading any binary and return their plans; equal drives are read once.
-
-    Raises:
-        InputRefused: a drive does not fit.
-    """
+    """Check the joints' drives without loading any binary and return their plans; equal drives are read once."""
     plans: list[DrivePlan] = []
     for table in experiment.drives:
         plans.append(next((plan for plan in plans if plan.table == table), None) or plan_drive(table))
@@ -201,9 +185,6 @@ def unpowered_shafts(build: Build) -> Makers:
     """Return the constructors of the three motor shafts whose power the safety monitor may cut.
 
     Empty unless the drives specify their behaviour without power and twin's own monitor is used.
-
-    Raises:
-        InputRefused: only some drives specify it.
     """
     if not have_power_lines(build.experiment):
         return {}
@@ -244,11 +225,7 @@ def _repeated_single_instance(fmus: Collection[FmuDescription]) -> FmuDescriptio
 def resting_plant(experiment: Experiment, moved: bool = False) -> tuple[Plant, np.ndarray]:
     """Build the plant at rest at the first waypoint of its reference; return it with its motor angles (3,), rad.
 
-    Args:
-        moved: whether a third-party body moves the surface.
-
-    Raises:
-        Unreachable: the robot cannot reach that point.
+    `moved`: whether a third-party body moves the surface.
     """
     parameters = plant_parameters(experiment.plant, experiment.contact)
     x, theta_m = rest_state(parameters, experiment.start)
@@ -291,7 +268,8 @@ def scale(build: Build) -> Makers:
 
 def motions(experiment: Experiment) -> tuple[Motion, ...]:
     """Return all motions of the experiment's surface: its own, and those caused by faults."""
-    return surface_motions(experiment.contact) + fault_motions(experiment.faults, experiment.cosim.tick)
+    caused = (_fault_motion(fault, experiment.cosim.tick) for fault in experiment.faults)
+    return (*surface_motions(experiment.contact), *(motion for motion in caused if motion is not None))
 
 
 def belief(experiment: Experiment) -> Belief:
@@ -354,10 +332,7 @@ def estimator(experiment: Experiment) -> Estimator:
 def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -> Controller | TaskController:
     """Build the component of twin's own controller with the experiment's gains, led by waypoints or tasks.
 
-    In position mode the force loop never starts.
-
-    Args:
-        program: phases that replace the experiment's; only for an experiment with tasks.
+    In position mode the force loop never starts. `program` replaces the phases of an experiment with tasks.
     """
     c = experiment.controller
     force_on = c.mode == "force_position"
@@ -397,11 +372,7 @@ def controllers(build: Build) -> Makers:
 
 
 def references(build: Build) -> Makers:
-    """Return the constructor of the pre-defined path, if a third-party controller has an input for it.
-
-    Raises:
-        InputRefused: the experiment has no [reference].
-    """
+    """Return the constructor of the pre-defined path, if a third-party controller has an input for it."""
     other = build.third_party.get("controller")
     if other is None or P_REF_B not in other.inputs:
         return {}

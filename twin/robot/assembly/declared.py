@@ -16,7 +16,7 @@ from twin.robot.controller.schedule import Scheduling
 from twin.robot.controller.task_controller import Computer, Touch
 from twin.robot.controller.tissue import Sensing
 from twin.robot.experiment.experiment import NEEDED_TABLES, OPTIONAL_TABLES
-from twin.robot.experiment.schema import ChangeableSetting, DeclaredTables, nested_tables
+from twin.robot.experiment.schema import DeclaredTables, nested_tables
 from twin.robot.mechanism.statics import G_ACCELERATION
 from twin.robot.monitor.component import MonitorBelief
 from twin.robot.monitor.limits import Monitor
@@ -39,14 +39,15 @@ _OPTIONAL_TABLES: dict[str, type[Settings]] = {
     "monitor": Monitor,
     **OPTIONAL_TABLES,
 }
-_TUNABLE_SOURCES: dict[str, tuple[MemoryPlace, FieldSource]] = {}
+_TUNABLE_SOURCES: dict[str, FieldSource] = {}
+TUNABLE_PLACES: dict[str, MemoryPlace] = {}
+"""Memory places of the parameters that may change during a run, by key in the file."""
 
 
 class SettingMemory(NamedTuple):
     """The place of an experiment's settings in a component's memory.
 
     Attributes:
-        component: component name.
         record: record in its memory, names of nested records joined by "."; "" for the memory itself.
         fields: setting that each field holds, by field name.
         broken_by: field changed by a fault, by kind of fault.
@@ -105,28 +106,18 @@ TABLE_PATHS[Processor] = TABLE_PATHS[Computer]
 """Where the file has a table, `controller.force`, by its class."""
 
 
-def key_of(source: FieldSource) -> str:
-    """Return the experiment key of the setting behind a memory field, such as `controller.force.kp_mm_per_N`."""
-    return f"{TABLE_PATHS[source.table]}.{source.setting.key(source.name)}"
-
-
 for _memory in SETTING_MEMORIES:
     for _field, _source in _memory.fields.items():
         if _source.setting.tunable:
+            _key = f"{TABLE_PATHS[_source.table]}.{_source.setting.key(_source.name)}"
             # for a setting in two places the first one: the other is a copy that a schedule returns to
-            _TUNABLE_SOURCES.setdefault(
-                key_of(_source), (MemoryPlace(_memory.component, _memory.record, _field), _source)
-            )
-TUNABLE_PLACES = {key: place for key, (place, _) in _TUNABLE_SOURCES.items()}
-"""Memory places of the parameters that may change during a run, by key in the file."""
+            TUNABLE_PLACES.setdefault(_key, MemoryPlace(_memory.component, _memory.record, _field))
+            _TUNABLE_SOURCES.setdefault(_key, _source)
 FAULT_PLACES = {
     kind: MemoryPlace(memory.component, memory.record, field)
     for memory in SETTING_MEMORIES
     for kind, field in memory.broken_by.items()
 }
 """Memory place that a fault changes, by kind of fault."""
-_CHANGEABLE_SETTINGS = {
-    key: ChangeableSetting(source.table, source.name) for key, (_, source) in _TUNABLE_SOURCES.items()
-}
-DECLARED_TABLES = DeclaredTables(_NEEDED_TABLES, _OPTIONAL_TABLES, _CHANGEABLE_SETTINGS, TASK_KINDS)
+DECLARED_TABLES = DeclaredTables(_NEEDED_TABLES, _OPTIONAL_TABLES, _TUNABLE_SOURCES, TASK_KINDS)
 """The declared tables in the form that `twin.robot.experiment` takes."""

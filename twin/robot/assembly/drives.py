@@ -55,10 +55,7 @@ class DrivePlan:
 
     Attributes:
         label: name in error messages.
-        table: [drive] table of the experiment.
-        parts: FMUs by part.
         settings: values to set, by part.
-        bindings: roles and the variables that fill them.
         wires: (output, input) between parts, "part.variable" each.
         switched: whether its role `enable` is an input of the component; else it keeps its initial value.
         ticks: number of steps to come; None if unknown.

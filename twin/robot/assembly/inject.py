@@ -43,11 +43,9 @@ BUS_TARGET = "bus"
 
 
 class Circuit:
-    """An editable copy of a system's wiring, into which faults are inserted; components are shared with the system.
+    """An editable copy of a system's wiring, into which faults are inserted.
 
-    Attributes:
-        components: components in the order of evaluation within a tick.
-        feeds: see `twin.kernel.cosim.system`.
+    Components are shared with the system, in the order of evaluation within a tick.
     """
 
     def __init__(self, components: Iterable[Component], feeds: Mapping[End, End]):
@@ -67,7 +65,6 @@ class Circuit:
         )
 
     def has(self, name: str) -> bool:
-        """Whether the system has a component called `name`."""
         return any(component.name == name for component in self.components)
 
     def faulty_output(self, output: End) -> End:
@@ -77,8 +74,7 @@ class Circuit:
     def insert_after(self, fault: Component, outputs: Sequence[End], inputs: Sequence[End]) -> None:
         """Insert a fault component between output signals and all of their readers, behind earlier faults.
 
-        Args:
-            inputs: inputs of the fault, which has outputs with the same names.
+        The fault has outputs with the same names as its inputs.
         """
         sources = [self.faulty_output(output) for output in outputs]
         instead = dict(zip(sources, inputs, strict=True))
@@ -120,7 +116,6 @@ def inject(
     Args:
         components, feeds: healthy system with the components encoder, estimator, controller, monitor (optional),
             drive or drive_1 .. drive_3, and plant.
-        faults: faults to insert.
         tick: duration of a tick (s).
         counts_per_turn: counts per turn of motor and joint encoders.
         speed_limit: speed limit of a drive (rad/s).
@@ -158,7 +153,6 @@ def _element_index(target: str) -> int:
 
 
 def _name_and_span(number: int, fault: Fault) -> tuple[str, Span]:
-    """Return the component name and the active time span of a fault."""
     return f"fault_{number}", Span(fault.onset, fault.end)
 
 

@@ -46,7 +46,6 @@ from twin.robot.experiment.schema import Drive
 
 HOST_JOB = "twin.robot.assembly.isolated_drive:hosted_drive"
 SAVE_ORDER, RESTORE_ORDER = 1, 2
-"""Orders to a host."""
 REFUSED_STATUS = 3
 """Reply of a host to an order that failed; the error message follows the page."""
 _spare: list[GuardedProcess] = []
@@ -139,13 +138,11 @@ def _end_spare() -> None:
 class IsolatedDrive(ProcessProxy):
     """Proxy component of a drive that runs in another process.
 
+    As a `Holder` it packs the state of the `whole` drive, compatible with a drive in this process.
+
     Args:
-        watch: watchdog of its process.
         described: encoded interface of the drive, see `_packed_description`.
         over: called with the process when the drive has ended normally.
-
-    Attributes:
-        whole: as a `Holder` it packs the state of the whole drive, compatible with a drive in this process.
     """
 
     whole = True
@@ -184,12 +181,10 @@ class IsolatedDrive(ProcessProxy):
         return self._lacking
 
     def save_state(self) -> bytes:
-        """Return the state of a drive in another process, serialised there."""
         self._send_order(SAVE_ORDER)
         return self._page.read_content()
 
     def restore_state(self, token: bytes) -> None:
-        """Restore a saved state of a drive in another process."""
         self._page.write_content(token)
         self._send_order(RESTORE_ORDER)
 
@@ -270,14 +265,10 @@ def hosted_drive(
     tau_load: Start,
     processor: int,
 ) -> None:
-    """Create a drive in this process and serve its steps to another process.
+    """Create a drive in this process and serve its steps to another process, on the given processor.
 
-    Notes to the supervisor: {"ports"} when the drive is ready, {"explained"} after a failed step.
-
-    Args:
-        name, tick, theta_m, tau_load: see `drive`.
-        table, switched, ticks, ramped: see `DrivePlan`.
-        processor: processor to serve on.
+    Notes to the supervisor: {"ports"} when the drive is ready, {"explained"} after a failed step. See `drive` and
+    `DrivePlan` for the arguments.
     """
     plan = replace(plan_drive(table), ticks=ticks, ramped=ramped)
     plan = plan.with_enable_input() if switched else plan

@@ -54,17 +54,9 @@ def load_experiment(
 
 
 def checked_experiment(source: Source, name: str, where: Path, folder: Path) -> Experiment:
-    """Check the merged values of an experiment's files and return the experiment.
+    """Check the merged values of an experiment's files, completed in place, and return the experiment.
 
-    The values are completed in place.
-
-    Args:
-        source: merged values of all files.
-        where: origin, for error messages.
-        folder: folder for looking up bodies and drives.
-
-    Raises:
-        InputRefused: with one sentence per error.
+    `where` is their origin for error messages; bodies and drives are looked up in `folder`.
     """
     mistakes: list[str] = []
     tables = checked_tables(DECLARED_TABLES, source, folder, mistakes)
@@ -87,21 +79,18 @@ def recorded_experiment(
     settings: Sequence[str] = (),
     faults: Sequence[str] = (),
     body: str | None = None,
-    drive: str | None = None,
 ) -> Experiment:
     """Load the experiment of a recording, with the same FMUs and optional changes.
 
     A recording names its FMUs by file name and SHA-256 without a path: they are searched beside it and in fmus/. Every
-    drive pins its recorded SHA-256, so that no other file is used, unless `drive` or a setting of [drive] replaces it.
+    drive pins its recorded SHA-256, so that no other file is used, unless a setting of [drive] replaces it.
 
     Args:
         where: path of the recording.
         duration: new duration (s); None to keep the recorded one.
         changed: whether to accept a run with changes by hand.
-        settings: "table.key=value" texts applied to it.
         faults: inline TOML tables, added to its own faults.
-        body: a file of bodies/ that replaces all of [contact] but its height.
-        drive: an FMU or a drive of fmus/ that replaces the drive of every joint and its parameters.
+        settings, body: see `load_experiment`.
 
     Raises:
         InputRefused: it has no experiment, used substitutes, a remote controller or changes by hand, or lacks an FMU.
@@ -129,13 +118,11 @@ def recorded_experiment(
         added = [parse_toml(f"fault = {text}", f"--fault {text}")["fault"] for text in faults]
         values["fault"] = [*values.get("fault", ()), *added]
     source.merge(values | {"drive": _with_paths(values["drive"], where, folder)}, "recorded")
-    if drive is not None:
-        source.select_file("drive", "fmu", locate_drive(drive, folder))
     if body is not None:
         source.select_file("contact", "body", body)
     apply_overrides(source, settings)
     experiment = checked_experiment(source, name, where, folder)
-    if drive is not None or any(setting.strip().startswith("drive.") for setting in settings):
+    if any(setting.strip().startswith("drive.") for setting in settings):
         return experiment
     one, two, three = experiment.drives
     pinned = (_pin_hashes(one, "drive_1", fmus), _pin_hashes(two, "drive_2", fmus), _pin_hashes(three, "drive_3", fmus))

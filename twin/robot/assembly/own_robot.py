@@ -146,15 +146,11 @@ def working_space(robot: Robot) -> tuple[float, dict[str, tuple[float, str]], Mo
 def start_robot(
     file: Path, lengths: Iterable[str], masses: Iterable[str] = (), settings: Iterable[str] = ()
 ) -> list[Path]:
-    """Write the file of a new robot.
+    """Write the file of a new robot; return the written files, see `write_new`.
 
     Args:
-        file: file to write.
         lengths, masses: `name=number` of all lengths (mm), and of some masses (g), see `GIVEN_VALUES`.
         settings: other values of [robot], `robot.key=value`.
-
-    Returns:
-        The written files: `file`, and the JSON Schema beside it if missing.
 
     Raises:
         InputRefused: `file` exists, a value is invalid, or the robot cannot work.
@@ -196,7 +192,6 @@ def start_robot(
 
 
 def _number(text: str) -> float:
-    """Parse a number; NaN if it is none."""
     try:
         return float(text)
     except ValueError:
@@ -243,11 +238,7 @@ def experiment_on_robot(robot: Path, start: str, overrides: Iterable[str] = (), 
 
 
 def load_on_robot(path: Path, overrides: Iterable[str] = (), drive: str | None = None) -> Experiment:
-    """Load an experiment, or Fig. 4 on the robot if the file is a robot's; see `load_experiment`.
-
-    Raises:
-        InputRefused: with one sentence per error.
-    """
+    """Load an experiment, or Fig. 4 on the robot if the file is a robot's; see `load_experiment`."""
     file = experiment_file(path)
     if is_robot(read_source(file).values):
         return experiment_on_robot(file, FIG4_EXPERIMENT, overrides, drive)

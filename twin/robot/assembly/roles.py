@@ -76,29 +76,22 @@ class SampledFmu:
     missing_inputs: tuple[str, ...] = ()
     missing_outputs: tuple[str, ...] = ()
 
-    def component(self, name: str, tick: float, period: int, ticks: int) -> FmuComponent:
-        """Create the component of a third-party FMU that is called once per period."""
-        assert isinstance(self.description, FmuDescription)
-        # the last call is at its last sample, and its step ends one period later, despite rounding
-        last = ticks // period * period
-        stop = max((last + period) * tick, last * tick + period * tick)
-        folder = unpacked(self.description.path, self.description.sha256)
-        setup = Setup(self.tolerance, stop, period * tick)
-        inputs, outputs = (self._ports(side) for side in _PORT_SIDES)
-        made = FmuComponent(name, self.description, folder, inputs, outputs, self.settings, setup=setup, sampled=True)
-        made.period = period
-        return made
-
     def part(self, name: str, tick: float, period: int, ticks: int) -> Component:
-        """Create the component of an FMU or SSP with all ports of its role; output values that it lacks are 0."""
+        """Create the component, called once per period, with all ports of its role; output values it lacks are 0."""
+        inputs, outputs = (self._ports(side) for side in _PORT_SIDES)
         made: Component
         if isinstance(self.description, FmuDescription):
-            made = self.component(name, tick, period, ticks)
+            # the last call is at its last sample, and its step ends one period later, despite rounding
+            last = ticks // period * period
+            setup = Setup(self.tolerance, max((last + period) * tick, last * tick + period * tick), period * tick)
+            folder = unpacked(self.description.path, self.description.sha256)
+            made = FmuComponent(
+                name, self.description, folder, inputs, outputs, self.settings, setup=setup, sampled=True
+            )
         else:
-            inputs, outputs = (self._ports(side) for side in _PORT_SIDES)
             calls = ticks // period + 1
             made = self.description.component(name, inputs, outputs, tick, period, calls * period, sampled=True)
-            made.period = period
+        made.period = period
         if not self.missing_inputs and not self.missing_outputs:
             made.inputs, made.outputs = self.inputs, self.outputs
             return made
@@ -137,7 +130,6 @@ def sampled_fmu(
         required: mandatory outputs; others are used if the FMU has them.
         named: variables by input and by output.
         parameters: values in the FMU's names and units.
-        tolerance: solver tolerance; None for the FMU's default.
     """
     description, settings = _read_part(file, table, named, parameters, tolerance)
     # an input with a parameter value keeps it
@@ -332,13 +324,7 @@ def _refuse_unwired_inputs(
 
 
 class Contract(NamedTuple):
-    """The ports that a third-party part needs in its role, such as controller or monitor.
-
-    Attributes:
-        inputs: available inputs, all optional.
-        outputs: possible outputs.
-        required: names of the mandatory outputs.
-    """
+    """The ports that a third-party part needs in its role; inputs, and outputs not in `required`, are optional."""
 
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
@@ -360,9 +346,8 @@ class ThirdPartyPart:
     """A third-party part of the robot, checked but not yet created.
 
     Attributes:
-        role: role, a key of `ROLE_CONTRACTS`.
+        role: a key of `ROLE_CONTRACTS`.
         label: name in error messages.
-        inputs, outputs: its ports.
         make: creates the component from the tick (s), its period in ticks and the last tick of the run.
         sha256: SHA-256 of the FMU or Python source; "" without a file.
         metadata: description of the part in recordings.
@@ -425,12 +410,7 @@ def part_from_class(role: str, given: Any) -> ThirdPartyPart:
 
 
 def refuse_third_party_parts(experiment: Experiment, asker: str, roles: Sequence[str]) -> None:
-    """Refuse an experiment with third-party parts in roles that a study needs as twin's own.
-
-    Args:
-        asker: name of the study, as the subject of a sentence.
-        roles: parts that the study needs as twin's own.
-    """
+    """Refuse an experiment with third-party parts in roles that a study, the `asker`, needs as twin's own."""
     for role in roles:
         if role in experiment.stand_ins:
             raise InputRefused(

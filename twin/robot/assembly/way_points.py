@@ -18,11 +18,7 @@ SAMPLES_PER_PERIOD = 10
 
 
 def load_waypoints(tables: Tables, mistakes: list[str]) -> WayPoints | None:
-    """Convert [reference] to waypoints; None without that table, or if errors in other tables prevent it.
-
-    Args:
-        tables: tables of the experiment.
-    """
+    """Convert [reference] to waypoints; None without that table, or if errors in other tables prevent it."""
     reference, computer = tables.by_name.get("reference"), tables.by_name.get("controller")
     if reference is None:
         return None

@@ -69,10 +69,7 @@ reference and its rate, and velocity of the breath, in this call."""
 def dither(m, h, F, F_ref):
     """Advance the dither, a sine added to the z reference, by one call; return (shift (m), its rate (m/s)).
 
-    Both are 0 if the tissue is known well enough.
-
-    Args:
-        F, F_ref: pressing force and its reference (N).
+    Both are 0 if the tissue is known well enough. `F` and `F_ref` are the pressing force and its reference (N).
     """
     change = F_ref - m.F_ref
     m.F_ref, m.leading, m.falling = F_ref, change != 0.0, change < 0.0
@@ -119,7 +116,6 @@ class AdaptiveOptions:
     """Settings of the controller's adaptive options: tissue estimate, scheduled gains, breath, learning of taps.
 
     Attributes:
-        sensing: parameters of the tissue estimate.
         scheduling, points: gains over stiffness; None and empty for the fixed gains of the experiment.
         breathing: parameters of the breath's oscillator; None to disable it.
         tap_learning: share of a tap's force error that the next one corrects.
@@ -165,7 +161,6 @@ def adapt(m, table, pid, h, z, F, J, F_ref):
 
     Args:
         table: address of the schedule's points.
-        pid: the force loop.
         z, F, J: estimated height (m), pressing force (N) and Jacobian (9,), unfiltered.
         F_ref: reference of the force loop (N) in the previous call.
     """

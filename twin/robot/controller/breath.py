@@ -64,11 +64,8 @@ def _advance_oscillator(m, v, h):
 def breath_velocity(m, tissue, h, z, F):
     """Estimate the velocity (m/s) of the breathing surface that the controller feeds forward.
 
-    It is predicted by the robot's lag and weighted by the confidence in the breath.
-
-    Args:
-        tissue: state of the tissue estimate.
-        z, F: estimated height (m) and pressing force (N), unfiltered.
+    It is predicted by the robot's lag and weighted by the confidence in the breath. `z` and `F` are the estimated
+    height (m) and pressing force (N), unfiltered.
     """
     if m.omega == 0.0:
         m.omega, m.low = 2.0 * math.pi * m.rate, low_pass_share(VELOCITY_CORNER, h)

@@ -44,9 +44,7 @@ def damper(damping: Damping, slow: Any = (0.0, 0.0, 0.0), started: bool = False)
 def damp(damper, torque_per_spring, tau_l, h, lead):
     """Subtract the motors' yielding to swings of the spring torques from the motor speeds `lead` (3,), rad/s.
 
-    Args:
-        torque_per_spring: ratio N eta of the joint torques `tau_l` (3,) N m to the springs' torques.
-        h: time since the previous call (s).
+    `torque_per_spring` is the ratio N eta of the joint torques `tau_l` (3,), N m, to the springs' torques; `h` in s.
     """
     share = cached_share(damper.low, damper.corner, h) if damper.started else 1.0
     damper.started = 1
@@ -74,10 +72,7 @@ FEED_FORWARD_RECORD = record_of(FeedForwardModel)
 
 @njit(cache=True)
 def friction_force(mu, F_n, v_x, v_y):
-    """Return the friction force (F_x, F_y) in N of the robot on the surface for a sliding velocity and a normal force.
-
-    The velocity (v_x, v_y) is in m/s, the normal force F_n in N.
-    """
+    """Return the friction (F_x, F_y) in N of the robot on the surface for a velocity (m/s) and a normal force (N)."""
     speed = math.sqrt(v_x * v_x + v_y * v_y + REST_SPEED * REST_SPEED)
     return mu * F_n * v_x / speed, mu * F_n * v_y / speed
 

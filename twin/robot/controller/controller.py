@@ -144,12 +144,7 @@ def estimator_step(m, t, h, u, y):
 
 
 class Estimator(NativeComponent):
-    """Sampled component of the paper's estimator: encoder counts in, position and force out.
-
-    Args:
-        gravity_compensation: whether to subtract the robot's own weight from the force.
-        period: period in ticks.
-    """
+    """Sampled component of the paper's estimator: encoder counts in, position and force out; `period` in ticks."""
 
     def __init__(self, belief: Belief, gravity_compensation: bool = True, period: int = 1):
         memory = memory_of(ESTIMATOR_MEMORY, belief=tuple(belief), gravity_compensation=gravity_compensation)
@@ -190,15 +185,13 @@ LAW_MEMORY = record(
 
 @njit(cache=True)
 def reference_position(times, points, segment, t):
-    """Interpolate the reference trajectory linearly at time `t` (s); return the point (m) and its segment.
+    """Interpolate the reference trajectory linearly at time `t` (s); return the point and segment, (x, y, z, segment).
+
+    It is constant before the first and after the last waypoint.
 
     Args:
-        times: (n,) ascending, s.
-        points: (n, 3), m.
+        times, points: waypoints, (n,) s ascending and (n, 3) m.
         segment: any index at or before the right one, such as the one returned last.
-
-    Returns:
-        (x, y, z, segment); constant before the first and after the last waypoint.
     """
     last = times.shape[0] - 1
     while segment < last and t >= times[segment + 1]:
@@ -232,7 +225,6 @@ def unwind_integral(pid, z, share, h):
     Advanced PID Control, Sec. 3.5). Upward motion is never withheld.
 
     Args:
-        pid: the force loop.
         z: error of the position loop in the previous call (m); negative for a downward motion.
         share: share of that command that was passed on.
     """
@@ -306,7 +298,6 @@ class Controller(NativeComponent):
     """Sampled component of the paper's controller: position and force estimates in, motor speeds out.
 
     Args:
-        law: settings.
         position, force: gains of the two loops; position acts on m and gives m/s, force acts on N and gives m.
         times, points: waypoints of the reference, (n,) s ascending and (n, 3) m.
         period: period in ticks.
@@ -354,15 +345,7 @@ def way_step(m, t, h, u, y):
 
 
 class WayPointReference(NativeComponent):
-    """Sampled component that outputs the point of the reference trajectory at each sample.
-
-    Args:
-        times, points: waypoints, (n,) s ascending and (n, 3) m.
-        period: period in ticks.
-
-    Attributes:
-        points: waypoints (n, 3) that the step reads.
-    """
+    """Sampled component that outputs the point of the reference trajectory at each sample; see `Controller`."""
 
     def __init__(self, times: Sequence[float], points: Sequence[Sequence[float]], period: int = 1):
         arrays = np.array(times, dtype=float), np.array(points, dtype=float)

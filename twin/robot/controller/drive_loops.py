@@ -33,12 +33,9 @@ def speed_loop_step(m, t, h, u, y):
 
 
 class DriveSpeedLoop(NativeComponent):
-    """Sampled component of twin's velocity loop: speed error in, command of the drive out.
+    """Sampled component of twin's velocity loop: speed error in, command of the drive, up to `limit`, out.
 
-    Args:
-        gains: PI from rad/s to the command's SI unit.
-        limit: largest magnitude of the command.
-        period: period in ticks of the drive's own system.
+    `gains` convert rad/s to the command's SI unit; `period` is in ticks of the drive's own system.
     """
 
     def __init__(self, gains: Gains, limit: float, command: Port, period: int = 1):
@@ -85,12 +82,8 @@ def position_step(m, t, h, u, y):
 class DriveSpeedIntegrator(NativeComponent):
     """Sampled component before a position-controlled drive: speed command in, angle command out.
 
-    Motion cut by limits and lead is not made up for.
-
-    Args:
-        servo: angle convention and limits of the drive.
-        theta_m: motor angle at t = 0 (rad), where the command starts.
-        period: period in ticks of the drive's own system.
+    Motion cut by limits and lead is not made up for. The command starts at the motor angle `theta_m` (rad) of t = 0;
+    `period` is in ticks of the drive's own system.
     """
 
     def __init__(self, servo: Servo, theta_m: float, period: int = 1):

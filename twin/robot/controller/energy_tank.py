@@ -119,9 +119,9 @@ def passed_share(left, horizon, P, Q):
 
 @njit(cache=True, error_model="numpy")
 def _yield_to_torque(tank, tau, left, rise, J, omega_ref, passed):
-    """Compute motor speeds that return energy when the tank is overdrawn: every motor yields to its torque.
+    """Compute motor speeds that return energy when the tank is overdrawn; return the remaining share of the command.
 
-    The motors yield even without a command.
+    Every motor yields to its torque, even without a command.
 
     Args:
         tau: joint torques (3,), N m; motors do not yield to torques within the error `bias`.
@@ -130,9 +130,6 @@ def _yield_to_torque(tank, tau, left, rise, J, omega_ref, passed):
         J: Jacobian (9,), rad/m.
         omega_ref: commanded speeds (3,), rad/s.
         passed: speeds to pass on (3,), rad/s, written.
-
-    Returns:
-        Remaining share of the command.
     """
     most = 1.0 / (tank.k_s * tank.N * tank.eta * tank.horizon)
     squares = 0.0

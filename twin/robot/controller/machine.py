@@ -263,8 +263,7 @@ def advance_machine(m, phases, t, h, z, F, F_z, F_rate, F_delay, dp_z):
 
     Args:
         h: time since the previous call (s).
-        z: estimated height of the platform (m).
-        F: pressing force (N).
+        z, F: estimated height of the platform (m) and pressing force (N).
         F_z, F_rate: low-passed pressing force (N) and its rate (N/s).
         F_delay: lag of F_z behind F (s).
         dp_z: correction of the force loop (m).

@@ -140,7 +140,6 @@ class Gains(Values, parts=(setting_fields(PositionLoop),)):
 
 
 def force_gains(table: ForceLoop) -> Gains:
-    """Convert the force loop's settings to its PID gains."""
     return Gains(**numbers(table, into="gains"))
 
 
@@ -184,11 +183,9 @@ def proposal(pid, e, h):
 
 @njit(cache=True)
 def accept(pid, integral):
-    """Store the proposed new integral of a PID loop."""
     pid.integral = integral
 
 
 @njit(cache=True)
 def reset_loop(pid):
-    """Reset the integral and derivative of a PID loop."""
     pid.integral, pid.derivative, pid.error, pid.started = 0.0, 0.0, 0.0, 0

@@ -70,8 +70,7 @@ class Phase(NamedTuple):
         F_end: force reference reached within `duration` (N).
         duration: minimum duration (s).
         period: if > 0, the phase ends this long after the last tap began (s).
-        until: condition that ends it.
-        level: force of that condition (N).
+        until, level: condition that ends it, with its force (N).
         next, otherwise: index of the next phase, and of the one that follows if `until` is never met, or if contact is
             lost while the force loop acts.
         again, times: `next` follows after `times` passes, `again` before.
@@ -180,8 +179,7 @@ TASK_KINDS: dict[str, type[Task]] = {"press": Press, "tap": Tap, "roll": Roll, "
 def program(approach: Approach, contact_force: float, tasks: Sequence[Task]) -> list[Phase]:
     """Convert massage tasks to a table of phases, in order; the last phase stays above the last point for ever.
 
-    Args:
-        contact_force: pressing force that counts as contact (N).
+    `contact_force` is the pressing force that counts as contact (N).
     """
     phases: list[Phase] = []
     for number, task in enumerate(tasks, start=1):

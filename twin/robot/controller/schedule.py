@@ -49,10 +49,7 @@ def schedule_table(points: Sequence[SchedulePoint]) -> np.ndarray:
 def gains_at(points, segment, k):
     """Interpolate the scheduled gains at stiffness `k` (N/m); return (kp, ki, index of the segment).
 
-    The gains are constant beyond the ends of the table.
-
-    Args:
-        segment: any index, such as the one returned last.
+    The gains are constant beyond the ends of the table. `segment` is any index, such as the one returned last.
     """
     last = points.shape[0] - 1
     if k <= points[0].stiffness:

@@ -96,7 +96,6 @@ def learn_taps(m, tissue, machine, phase, t, h, z, F, J):
     """Track the force of each tap, and correct the depth of the next tap by its error.
 
     Args:
-        tissue: state of the tissue estimate, with the robot's own mass.
         machine: state machine, whose planned reversal is corrected.
         phase: phase at the end of the previous call.
         z, F, J: estimated height (m), pressing force (N) and Jacobian (9,), unfiltered.

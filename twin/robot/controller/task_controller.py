@@ -181,13 +181,9 @@ class TaskController(NativeComponent):
 
     Args:
         law: settings; its F_z_ref and triggers are not used.
-        position, force: gains, see `Controller`.
-        feed_forward, damping, touch: settings, see their classes.
         phases: the program; the last phase is permanent.
         start: initial platform position (3,), m.
-        period: period in ticks.
-        adapting: adaptive options; None to disable them.
-        tank: whether an energy tank behind it reports the share that it passes on.
+        position, force, period, adapting, tank: see `Controller`.
     """
 
     def __init__(

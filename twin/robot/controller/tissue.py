@@ -303,11 +303,9 @@ def _drop_estimate(m, z, F):
 
 @njit(cache=True, error_model="numpy")
 def update_tissue(m, h, z, F, J, pressing):
-    """Update the estimate of tissue stiffness and damping by one sample of height and force.
+    """Update the estimate of tissue stiffness and damping by one sample; `pressing` while the force loop acts.
 
-    Args:
-        z, F, J: estimated height (m), pressing force (N) and Jacobian (9,), unfiltered.
-        pressing: whether the force loop acts.
+    `z`, `F` and `J` are the estimated height (m), pressing force (N) and Jacobian (9,), unfiltered.
     """
     if m.g == 0.0:
         _prepare(m, h)

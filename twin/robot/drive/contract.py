@@ -23,7 +23,6 @@ class Role(NamedTuple):
     Attributes:
         port: name, SI unit and meaning.
         causality: causality in FMI's terms.
-        dimension: required physical dimension.
         required: whether a drive must have it.
         synonyms: suppliers' names for it, used to propose a mapping.
         mechanical: effect of sign and gear ratio: 1 for an angle or speed (the FMU's shaft turns `gear_ratio` times as
@@ -105,9 +104,7 @@ SHAFT_INPUT_ROLES = tuple(role._replace(causality="input", required=False) for r
 def drive_roles(command: Command, rotor: bool = False) -> tuple[Role, ...]:
     """Return every quantity that a drive exchanges with the robot, inputs first, for a kind of command.
 
-    Args:
-        rotor: whether twin simulates the shaft: the FMU then outputs a torque, and may have inputs for the shaft's
-            motion.
+    With a `rotor`, twin simulates the shaft: the FMU outputs a torque, and may have inputs for the shaft's motion.
     """
     if not rotor:
         return (COMMAND_ROLES[command], LOAD_ROLE, *OPTIONAL_INPUT_ROLES, *OUTPUT_ROLES)
@@ -142,10 +139,7 @@ def rotor_step(m, t, h, u, y):
 class DriveRotor(NativeComponent):
     """Continuous component of twin's motor shaft: torques in, angle and speed of the shaft out.
 
-    Args:
-        J: inertia at the motor shaft (kg m2).
-        b: viscous friction (N m per rad/s).
-        theta_m: initial angle (rad), at rest.
+    `J` in kg m2 and `b` in N m per rad/s are at the motor shaft; it starts at rest at the angle `theta_m` (rad).
     """
 
     def __init__(self, J: float, b: float, theta_m: float):
@@ -167,9 +161,7 @@ def unwrap_step(m, t, h, u, y):
 class AngleUnwrapper(NativeComponent):
     """Continuous component behind a drive's FMU: converts a wrapped angle to a continuous one.
 
-    Args:
-        turn: one turn of the servo, as an angle of the motor shaft (rad).
-        theta_m: initial angle (rad).
+    `turn` is one turn of the servo, as an angle of the motor shaft (rad); `theta_m` is the initial angle (rad).
     """
 
     def __init__(self, turn: float, theta_m: float):

@@ -130,12 +130,7 @@ def ambiguity_message(
 ) -> str:
     """Return the error message for roles without a clear variable, with the TOML that resolves them.
 
-    Args:
-        file: name of the drive in the message.
-        variables: its variables, by the user's names.
-        chosen: variable by resolved role.
-        unsure: unresolved roles.
-        rotor: whether twin simulates the shaft.
+    `chosen` has the variable by resolved role; with a `rotor`, twin simulates the shaft.
     """
     lines = [f"{file}: undecided which of its variables is {' and which is '.join(r.port.name for r in unsure)}."]
     likely = likely_command(variables, set(chosen.values())) if COMMAND_ROLES["velocity"] in unsure else "velocity"
@@ -176,7 +171,6 @@ class Wiring:
     """The user's mapping of a drive's FMU: command, sign, gear ratio, and the variable of each role.
 
     Attributes:
-        command: kind of command.
         sign: -1 if the FMU turns in the opposite direction.
         gear_ratio: turns of its shaft per turn of the motor shaft theta_m.
         inputs, outputs: role -> the FMU's variable; "-name" if only that variable has the opposite sign, "name[rpm]" if
@@ -197,10 +191,7 @@ class Binding:
     """A role of the contract and the FMU variable that fills it: contract value = gain * FMU value + offset.
 
     Attributes:
-        role: role of the contract.
-        variable: variable that fills it.
         name: user's name of the variable, with its part if the drive has parts.
-        gain, offset: conversion to the contract's value.
         turned: whether only this variable has the opposite sign.
     """
 
@@ -272,7 +263,6 @@ class RoleChoice(NamedTuple):
     """The FMU variable chosen for each role of a drive.
 
     Attributes:
-        chosen: role -> variable.
         turned: roles whose variable alone has the opposite sign.
         unsure: required roles with no or several candidates.
     """
@@ -285,9 +275,7 @@ class RoleChoice(NamedTuple):
 def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tuple[Binding, ...]:
     """Map every role of the drive contract to the drive's FMU variable that fills it, inputs first.
 
-    Args:
-        file: name of the drive in error messages.
-        variables: the FMU's variables, by the user's names.
+    `variables` are by the user's names; `file` names the drive in error messages.
 
     Raises:
         InputRefused: unknown role or variable, wrong causality or unit, or a required role with no or several
@@ -313,11 +301,7 @@ def fill_roles(
 ) -> tuple[Binding, ...]:
     """Map the optional roles of a robot part to the FMU variables that fill them, in order.
 
-    Args:
-        file: name of the FMU in error messages.
-        variables: the FMU's variables, by the user's names.
-        roles: inputs or outputs of a part of the robot.
-        table: table of the experiment with the mapping.
+    For `file` and `variables`, see `bindings`; `table` is the table of the experiment with the mapping.
     """
     _refuse_unknown_roles(file, wiring, roles, table)
     chosen, turned, _ = choose_variables(file, variables, wiring, roles)
@@ -437,10 +421,7 @@ def propose_wires(variables: Mapping[str, Variable]) -> list[WireProposal]:
     """Propose wires between the parts of a drive, from equal names, or from a single output of the same dimension.
 
     The inputs left for the robot must include a load and a command: so inputs named like these are never wired by
-    dimension alone, and if no input is left, no wire by dimension is sure.
-
-    Args:
-        variables: variables of all parts, as "part.variable".
+    dimension alone, and if no input is left, no wire by dimension is sure. Variables are named "part.variable".
     """
     inputs = [name for name, v in variables.items() if v.causality == "input" and v.kind >= 0]
     found: list[WireProposal] = []

@@ -13,11 +13,7 @@ OPTION_KEYS = {"drive.fmu": "--drive", "contact.body": "--body"}
 
 
 def options(values: Mapping[str, Any], origins: Mapping[str, str]) -> list[str]:
-    """Return the command-line options that set recorded values: `--drive`, `pmsm_foc.fmu`, `--set`, `seed=3`.
-
-    Args:
-        origins: origin of each value, by dotted key.
-    """
+    """Return the command-line options that set recorded values: `--drive`, `pmsm_foc.fmu`, `--set`, `seed=3`."""
     words: list[str] = []
     stated, whole = dict(flatten(values)), set()
     for key, option in OPTION_KEYS.items():
@@ -26,9 +22,9 @@ def options(values: Mapping[str, Any], origins: Mapping[str, str]) -> list[str]:
             whole.add(key)
     for key, value in stated.items():
         if origins.get(key) == COMMAND_LINE and key not in whole and not key.startswith("fault."):
-            words += ["--set", f"{key}={_toml(value)}"]
+            words += ["--set", f"{key}={toml_value(value)}"]
     if any(origin == COMMAND_LINE for key, origin in origins.items() if key.startswith("fault.")):
-        words += ["--set", f"fault={_toml(values.get('fault', ()))}"]
+        words += ["--set", f"fault={toml_value(values.get('fault', ()))}"]
     return words
 
 
@@ -41,14 +37,10 @@ def run_words(
 
 
 def repeating_words(summary: Mapping[str, Any], name: str, words: Sequence[str]) -> list[str]:
-    """Return the arguments of `twin run` that repeat a stored run, from its summary and recording.
+    """Return the arguments of `twin run` that repeat a stored run, from its summary (untrusted input) and recording.
 
-    A recording names files without their folders; only the summary beside it has the paths as typed.
-
-    Args:
-        summary: summary of the run; untrusted input.
-        name: experiment name, a fallback for a summary without typed words.
-        words: recorded `options` of the experiment, likewise.
+    A recording names files without their folders; only the summary beside it has the paths as typed. A summary without
+    typed words is replaced by the recorded `name` and the recorded option `words`.
     """
     typed = summary.get("typed")
     if not isinstance(typed, list) or not typed or not all(isinstance(word, str) for word in typed):
@@ -61,11 +53,3 @@ def repeating_words(summary: Mapping[str, Any], name: str, words: Sequence[str])
 def run_command(words: Iterable[str]) -> str:
     """Return the shell command `twin run` with the given arguments, quoted where necessary."""
     return shlex.join(["twin", "run", *words])
-
-
-def _toml(value: object) -> str:
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml(item) for item in value) + "]"
-    return toml_value(value)

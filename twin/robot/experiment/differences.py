@@ -109,10 +109,7 @@ def robot_values(values: Mapping[str, Any], origins: Mapping[str, str]) -> dict[
     """Count an experiment's own values of [robot], and the inherited ones that are assumptions.
 
     A value is inherited if value and origin match the robot shipped with twin, whether the experiment extends
-    that file or `twin init` copied it. All others are own.
-
-    Args:
-        origins: origin of each value, by dotted key; an assumption begins with "assumed".
+    that file or `twin init` copied it. All others are own. The origin of an assumption begins with "assumed".
     """
     shipped = read_source(PROJECT_FOLDER / "experiments" / ROBOT_FILE)
     found = {key: value for key, value in values.get("robot", {}).items() if key != "name"}

@@ -25,11 +25,8 @@ MAX_MAPPINGS = 8
 def joint_tables(drive: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
     """Return the complete drive tables of the three joints, with absolute paths of FMUs.
 
-    A drive named by its folder takes missing values from the folder's mapping.toml.
-
-    Args:
-        drive: [drive] of the experiment, with its joint tables.
-        folder: folder of the experiment, where names are looked up.
+    A drive named by its folder takes missing values from the folder's mapping.toml. `drive` is [drive] of the
+    experiment with its joint tables, `folder` the folder of the experiment, where names are looked up.
     """
     common = {key: value for key, value in drive.items() if key not in JOINT_TABLES}
     tables = []
@@ -42,11 +39,7 @@ def joint_tables(drive: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
 
 
 def load_drive(fmu: str, folder: Path) -> schema.Drive:
-    """Load the drive named on the command line: an .fmu, a mapping, a folder, or a name in fmus/.
-
-    Args:
-        fmu: path relative to the current folder, or a name in fmus/, searched from `folder` upwards.
-    """
+    """Load the drive of the command line: an .fmu, a mapping, a folder, or a name in fmus/, looked up from `folder`."""
     table = joint_tables({"fmu": locate_drive(fmu, folder)}, folder)[0]
     try:
         return schema.Drive.model_validate(table)

@@ -49,7 +49,6 @@ OPTIONAL_TABLES: dict[str, type[Settings]] = {
 }
 """Optional tables that belong to no part."""
 TABLE_ARRAYS = ("task", "fault", "change", "measure")
-"""Names of arrays of tables."""
 SEPARATE_TABLES = ("drive", *TABLE_ARRAYS)
 """Tables that are checked separately from the declared ones."""
 EXACT_COUNTS = 2**40
@@ -75,14 +74,10 @@ class Experiment:
         seed: seed of the encoders' noise.
         duration_ticks, controller_ticks, scale_ticks, monitor_ticks: durations and periods in ticks.
         reference: waypoints, also of a shape; None if `tasks` lead the robot, with motions by `approach`.
-        scale: display of the scale; None without one.
-        monitor: safety monitor; None without one.
-        faults: faults, in ticks.
-        changes: scheduled parameter changes, in ticks.
+        scale, monitor: None without a display, or an enabled safety monitor.
         measures: measures of `twin check`.
         drives: one per joint, complete, FMUs as absolute paths.
-        values: merged and checked file, keys with units.
-        origins: origin of each value.
+        values, origins: merged and checked file, keys with units; origin of each value.
         stand_ins: third-party parts by table name; only their retained keys stay in [controller], [monitor] and
             [scale].
         remarks: remarks on values that a run reports, as in `Source`.
@@ -135,7 +130,6 @@ class Tables:
         duration: duration of the experiment (s); inf if missing or invalid.
         tasks: tasks by number.
         ticks: durations and periods by name.
-        faults, changes, measures, drives, stand_ins: as in `Experiment`.
     """
 
     by_name: dict[str, Any]
@@ -152,9 +146,7 @@ class Tables:
 def checked_tables(declared: DeclaredTables, source: Source, folder: Path, mistakes: list[str]) -> Tables:
     """Check the tables of an experiment's file and complete its values in place.
 
-    Args:
-        source: merged values of all files.
-        folder: folder for looking up bodies and drives.
+    Bodies and drives are looked up in `folder`.
     """
     _fill_from_robot(declared, source.values)
     values = source.values
@@ -330,10 +322,7 @@ def with_model(experiment: Experiment, **values: Any) -> Experiment:
 def with_cosim(experiment: Experiment, **values: Any) -> Experiment:
     """Return a copy of the experiment with another tick (s), coupling scheme, input mode or iteration count.
 
-    Durations in seconds stay.
-
-    Args:
-        experiment: experiment without faults, whose onsets are counted in ticks, too.
+    Durations in seconds stay. The experiment has no faults, whose onsets are counted in ticks, too.
     """
     cosim = experiment.cosim.model_copy(update=values)
 

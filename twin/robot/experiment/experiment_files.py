@@ -38,11 +38,7 @@ def experiment_file(experiment: str | Path) -> Path:
 
 
 def sweep_file(sweep: Path) -> Path:
-    """Find the file of a sweep by path or name, like `experiment_file`, names in experiments/sweeps/.
-
-    Raises:
-        InputRefused: the name is unknown. A path to a missing file is returned, to be refused when it is read.
-    """
+    """Find the file of a sweep by path or name, like `experiment_file`, names in experiments/sweeps/."""
     found = _experiment_file(sweep, SWEEP_FOLDER)
     if found:
         return found
@@ -76,10 +72,7 @@ def fill_from_body(source: Source, folder: Path) -> None:
     """Complete the [contact] table of an experiment in place from the body file that it names.
 
     Its own values stay. A remark states the height of the surface unless file or option set it together with the body.
-    Without the key `body` nothing is done.
-
-    Args:
-        folder: folder of the experiment, for looking up bodies like `extends` and fmus/.
+    Without the key `body` nothing is done. Bodies are looked up from `folder`, like `extends` and fmus/.
     """
     contact = source.values.get("contact")
     if not isinstance(contact, dict) or "body" not in contact:

@@ -3,6 +3,7 @@
 `docs/faults_reference.md` shows the kinds as a table. Each kind has its own magnitude, with its unit in the key.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -28,7 +29,6 @@ ANY_MAGNITUDE = 0.0
 POSITIVE_BOUNDS = {"gt": 0.0}
 SHARE_BOUNDS = {"gt": 0.0, "le": 1.0}
 MAX_LISTED_NAMES = 10
-"""Maximum number of names listed in an error message."""
 _JOINT_TARGETS = tuple(f"joint_{i}" for i in (1, 2, 3))
 _DRIVE_TARGETS = tuple(f"drive_{i}" for i in (1, 2, 3))
 _ENCODER_TARGETS = tuple(f"{place}_encoder_{i}" for place in ("joint", "motor") for i in (1, 2, 3))
@@ -53,9 +53,7 @@ NO_END_TICK = 1 << 62
 class DetectionThreshold(NamedTuple):
     """Smallest magnitude of a permanent fault that the safety monitor is expected to detect, stated before any run.
 
-    Attributes:
-        free: for an onset in free motion; None if it is undetectable.
-        contact: for an onset in contact; None if it is undetectable.
+    `free` is for an onset in free motion, `contact` for one in contact; None if it is undetectable.
     """
 
     free: float | None = None
@@ -70,7 +68,6 @@ class FaultKind:
     """One kind of fault of the catalogue: targets, magnitudes, and the expected detection by the monitor.
 
     Attributes:
-        mechanism: implementation of the fault.
         targets: possible targets; the first one is the default.
         meaning: effect, in one line.
         threshold: smallest magnitude that the safety monitor is expected to detect, from the encoders' counts, the
@@ -101,17 +98,19 @@ class FaultKind:
 
     def expects_detection(self, magnitude: float | None, in_contact: bool) -> bool:
         """Whether the safety monitor is expected to detect a fault of this kind and magnitude."""
-        return self._is_reached_by(magnitude, self.threshold.contact if in_contact else self.threshold.free)
+        return self.is_reached(self.threshold.contact if in_contact else self.threshold.free, magnitude)
 
     def expects_excess(self, magnitude: float | None) -> bool:
         """Whether a fault of this kind and magnitude is expected to raise the force above the monitor's limit."""
-        return self._is_reached_by(magnitude, self.excess_from)
+        return self.is_reached(self.excess_from, magnitude)
 
-    def _is_reached_by(self, magnitude: float | None, start: float | None) -> bool:
+    def is_reached(self, start: float | None, magnitude: float | None) -> bool:
+        """Whether a magnitude of the catalogue, of either sign, is at least `start`; False if `start` is None."""
         if start is None or start == ANY_MAGNITUDE or self.magnitudes is None or magnitude is None:
             return start is not None
         # for some kinds a smaller number is a larger fault
-        return self.magnitudes.index(magnitude) >= self.magnitudes.index(start)
+        size = math.copysign(magnitude, self.magnitudes[0])
+        return size in self.magnitudes and self.magnitudes.index(size) >= self.magnitudes.index(start)
 
     @property
     def magnitude_key(self) -> str | None:
@@ -416,14 +415,9 @@ def fault_table_model(known: FaultKind) -> type[FaultTable]:
 
 
 def checked_faults(tables: Any, tick: float, mistakes: list[str]) -> tuple[Fault, ...]:
-    """Check the [[fault]] tables of an experiment and convert them to whole ticks and SI.
+    """Check the [[fault]] tables of an experiment; return the valid faults in SI and whole ticks, one per group member.
 
-    Args:
-        tables: array from the file; () if missing.
-        tick: duration of a tick (s).
-
-    Returns:
-        The valid faults, one for each member of a group.
+    `tables` is the array from the file, () if missing; `tick` is in s.
     """
     faults: list[Fault] = []
     for number, table in numbered_tables(tables, "fault", mistakes):

@@ -394,11 +394,9 @@ MEASURE_KINDS: dict[str, type[Measure]] = {
 
 
 def checked_measures(tables: Any, duration: float, mistakes: list[str]) -> tuple[Measure, ...]:
-    """Check the [[measure]] tables of an experiment and return the valid measures.
+    """Check the [[measure]] tables of an experiment of the given duration (s); return the valid measures.
 
-    Args:
-        tables: array from the file; () if missing.
-        duration: duration of the experiment (s).
+    `tables` is the array from the file; () if missing.
     """
     measures: list[Measure] = []
     for number, table in numbered_tables(tables, "measure", mistakes):

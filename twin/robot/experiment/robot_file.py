@@ -21,7 +21,6 @@ def fit_to_robot(own: Source, filled: Source, robot: Source) -> None:
     Args:
         own: values of the experiment's files; keys that the robot's file decides are removed.
         filled: the same with the values of its body; receives the robot's values.
-        robot: values of the robot's file.
     """
     before, surface = value_at(filled.values, "contact.height_mm"), value_at(robot.values, "contact.height_mm")
     decided = {"contact": ("height_mm",), "approach": HEIGHT_KEYS, "monitor": tuple(robot.values.get("monitor", ()))}

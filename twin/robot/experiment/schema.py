@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, create_model, field_validator, mode
 from pydantic_core import PydanticCustomError
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.settings import Settings, Triple, optional, setting
+from twin.kernel.settings import FieldSource, Settings, Triple, optional, setting
 from twin.robot.experiment.mistakes import (
     check_kind,
     check_table,
@@ -35,13 +35,6 @@ Kind = Literal["co_simulation", "model_exchange"]
 Method = Literal["cvode", "rk4"]
 
 
-class ChangeableSetting(NamedTuple):
-    """A setting that may change during a run: its table and its name in that table."""
-
-    table: type[Settings]
-    name: str
-
-
 def nested_tables(model: type[Settings], path: str) -> dict[str, type[Settings]]:
     """Return a table's model and the models of all tables nested in it, by dotted path."""
     found = {path: model}
@@ -57,16 +50,14 @@ class DeclaredTables:
     """All tables that an experiment's file may have, and the keys that may change during a run.
 
     Attributes:
-        needed: mandatory tables by name, in the order of documents.
-        optional: optional tables by name.
+        needed, optional: tables by name, in the order of documents.
         changeable: settings that may change, by key in the file.
         tasks: tables of [[task]], by their key `kind`.
-        tables: all tables.
     """
 
     needed: Mapping[str, type[Settings]]
     optional: Mapping[str, type[Settings]]
-    changeable: Mapping[str, ChangeableSetting] = field(default_factory=dict)
+    changeable: Mapping[str, FieldSource] = field(default_factory=dict)
     tasks: Mapping[str, type[Any]] = field(default_factory=dict)
 
     @property
@@ -175,9 +166,7 @@ class WayPoints(NamedTuple):
 def checked_tasks(kinds: Mapping[str, type[Task]], tables: Any, mistakes: list[str]) -> dict[int, Task]:
     """Check the [[task]] tables of an experiment; return the valid massage tasks by number, from 1.
 
-    Args:
-        kinds: task models, by the key `kind` of their tables.
-        tables: array from the file; None if missing.
+    `kinds` are the task models by key `kind`; `tables` is the array from the file, None if missing.
     """
     if tables is None:
         return {}
@@ -383,13 +372,9 @@ class ChangeTable(Settings):
 
 @dataclass(frozen=True)
 class Change:
-    """A checked [[change]]: a parameter, its new value, and the tick of the change.
+    """A checked [[change]]: the first tick with the new value, the key in the experiment's file, and the new value.
 
-    Attributes:
-        tick: first tick with the new value.
-        key: key in the experiment's file.
-        number: new value in the unit of the key.
-        value: new value in SI.
+    `number` is in the unit of the key, `value` in SI.
     """
 
     tick: int
@@ -401,10 +386,8 @@ class Change:
 def changeable_values(declared: DeclaredTables, tables: Mapping[str, Any]) -> dict[str, float]:
     """Return the current values of all keys that may change during a run, in the units of the keys.
 
-    Keys of an idle force loop are left out, and the reference if tasks bring their own.
-
-    Args:
-        tables: tables of the experiment, as `Experiment.values`.
+    Keys of an idle force loop are left out, and the reference if tasks bring their own. `tables` is
+    `Experiment.values`.
     """
     found = {}
     for key in declared.changeable:
@@ -418,26 +401,20 @@ def changeable_values(declared: DeclaredTables, tables: Mapping[str, Any]) -> di
 
 
 def changed_value(declared: DeclaredTables, key: str, number: object, tables: Mapping[str, Any]) -> float:
-    """Validate a new value for a key of the experiment, given in the key's unit, and convert it to SI.
+    """Validate a new value for a changeable key of the experiment, in the key's unit, and convert it to SI.
 
-    Args:
-        declared: tables with `key` among the changeable settings.
-        number: requested value, unvalidated.
-        tables: tables of the experiment, as `Experiment.values`.
-
-    Raises:
-        InputRefused: the value is invalid for the experiment's schema.
+    `number` is unvalidated; `tables` is `Experiment.values`.
     """
     if number is None:
         # a file may omit the reference if no force loop acts; a running loop needs it
         raise InputRefused(f"{key}: no value; expected a number")
-    table, attribute = declared.changeable[key]
+    source = declared.changeable[key]
     path, _, name = key.rpartition(".")
     mistakes: list[str] = []
-    changed = check_table(table, {**value_at(tables, path), name: number}, path, mistakes)
+    changed = check_table(source.table, {**value_at(tables, path), name: number}, path, mistakes)
     if mistakes:
         raise InputRefused("; ".join(mistakes))
-    return getattr(changed, attribute)
+    return getattr(changed, source.name)
 
 
 def checked_changes(
@@ -445,10 +422,7 @@ def checked_changes(
 ) -> tuple[Change, ...]:
     """Check the [[change]] tables of an experiment; return the valid changes, earliest first.
 
-    Args:
-        tables: array from the file; () if missing.
-        values: tables of the experiment.
-        tick, duration: duration of a tick and of the experiment (s).
+    `tables` is the array from the file, () if missing; `values` has all tables; `tick` and `duration` are in s.
     """
     changes: dict[tuple[int, str], Change] = {}
     for number, table in numbered_tables(tables, "change", mistakes):

@@ -45,11 +45,7 @@ FMU_NAME_PREFIXES = ("parameters.", "wires.")
 
 
 def refuse_other_files(values: Mapping[str, Any], path: Path) -> None:
-    """Refuse a file that is not an experiment but a robot, body, sweep or mapping.
-
-    Args:
-        values: merged values of the file and the files that it extends.
-    """
+    """Refuse a file whose values, merged with the files that it extends, are a robot, body, sweep or mapping."""
     tables, name = values.keys(), shlex.quote(str(path))
     reason = ""
     if is_robot(values):
@@ -133,13 +129,10 @@ class Source:
     remarks: list[str] = field(default_factory=list)
 
     def overlay(self, tables: dict[str, Any], origin: str, by_key: bool = False) -> None:
-        """Merge tables over the present values of the experiment.
+        """Merge tables over the present values of the experiment, with their origin.
 
-        A table that names another drive, body, shape or part replaces the present table.
-
-        Args:
-            origin: origin of their values.
-            by_key: whether they are a key of the command line.
+        A table that names another drive, body, shape or part replaces the present table. `by_key`: the tables are a key
+        of the command line.
         """
         for name, table in tables.items():
             for rule in rules_for(name, table, by_key):
@@ -227,11 +220,7 @@ def read_source(path: Path) -> Source:
 
 
 def apply_overrides(source: Source, texts: Iterable[str]) -> None:
-    """Merge the settings of the command line, "table.key=value" each, over the experiment's values.
-
-    Raises:
-        InputRefused: a setting is not of the form key=value.
-    """
+    """Merge the settings of the command line, "table.key=value" each, over the experiment's values."""
     nodes = [_node(text) for text in texts]
     # settings that name a third-party part go first: they remove keys of twin's own part, but no other settings
     for node in sorted(nodes, key=lambda node: not any(rules_for(name, node[name], by_key=True) for name in node)):
@@ -320,7 +309,9 @@ def _freeze_lists(value: Any) -> Any:
 
 
 def toml_value(value: Any) -> str:
-    """Format a number, boolean, string or array as TOML."""
+    """Format a value as TOML, tables inline."""
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key} = {toml_value(item)}' for key, item in value.items())}}}"
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(toml_value, value))}]"
     # JSON formats numbers, booleans and strings as TOML does, except for DEL, which TOML requires to be escaped

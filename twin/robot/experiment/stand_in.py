@@ -58,7 +58,7 @@ class StandIn(Settings):
 
     @property
     def file(self) -> Path:
-        """Path of a third-party part's FMU, or of the Python file with its class."""
+        """Path of the FMU, or of the Python file with the class."""
         return Path(self.fmu if self.fmu is not None else (self.python or "").rpartition(":")[0])
 
     @property
@@ -84,17 +84,16 @@ def check_third_party_table(
 ) -> ThirdPartyTable:
     """Check the table of a third-party part, and split it into its own keys and those that twin still uses.
 
-    Args:
-        declared: tables of twin's own components.
-        folder: folder for looking up files.
+    Files are looked up in `folder`.
     """
     own_keys, model = toml_keys(StandIn), declared.tables[role]
     own = {key: value for key, value in table.items() if key in own_keys}
     rest = {key: value for key, value in table.items() if key not in own_keys}
     idle = [key for key in rest if key in toml_keys(model) and key not in RETAINED_KEYS[role]]
     if idle:
+        named = " and ".join(f'{key} = "{own[key]}"' for key in FILE_KEYS if key in own)
         mistakes.append(
-            f"[{role}] {', '.join(idle)}: of twin's own {role}, and {_file_text(own)} is another one; remove "
+            f"[{role}] {', '.join(idle)}: of twin's own {role}, and {named} is another one; remove "
             + ("it" if len(idle) == 1 else "them")
         )
     try:
@@ -115,10 +114,6 @@ def retained_settings(declared: DeclaredTables, role: str, table: Mapping[str, A
     return declared.third_party_model(role).model_validate(
         {key: value for key, value in table.items() if key in RETAINED_KEYS[role]}
     )
-
-
-def _file_text(own: Mapping[str, Any]) -> str:
-    return " and ".join(f'{key} = "{own[key]}"' for key in FILE_KEYS if key in own)
 
 
 def _with_file(role: str, own: Mapping[str, Any], folder: Path) -> dict[str, Any]:

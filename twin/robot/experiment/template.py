@@ -34,7 +34,6 @@ FIG4_EXPERIMENT, TASK_EXPERIMENT = "fig4_force_position", "massage"
 EXAMPLE_FILES = (f"{FIG4_EXPERIMENT}.toml", f"{TASK_EXPERIMENT}.toml")
 """Source files of example values for unused tables and keys."""
 EXAMPLE_FAULT = "surface_jump"
-"""Kind of the example fault."""
 EXAMPLE_CHANGE = {"t_s": 8.0, "key": "controller.force.reference_N", "value": 6.0}
 EXAMPLE_MEASURE = {
     "kind": "tracking",
@@ -44,15 +43,6 @@ EXAMPLE_MEASURE = {
     "begin_s": 10.0,
     "until_s": 18.7,
 }
-MODEL_COMMENT = "The controller's belief where it differs from [robot]: any key of it."
-TASKS_COMMENT = (
-    "Tasks stand instead of [reference]; they need [approach], [controller.touch], .feed_forward and .damping."
-)
-THIRD_PARTY_COMMENT = "Instead of twin's own, an FMU or a Python class: docs/roles.md."
-FAULT_COMMENT = "Faults: docs/faults_reference.md has every kind."
-CHANGE_COMMENT = "Scheduled changes of the controller."
-MEASURE_COMMENT = "Measures of twin check: docs/regression.md has every kind."
-PLANT_COMMENT = "The true robot where it differs from [robot]: any key of it. The controller does not know it."
 
 Table = Mapping[str, Any]
 
@@ -61,7 +51,6 @@ def commented_robot(declared: DeclaredTables, name: str, own: Source, remarks: C
     """Return a commented file of a robot: its own values, and every other key of its tables, commented out.
 
     Args:
-        declared: tables that an experiment may have.
         name: name of the new file.
         own: active values and their sources.
         remarks: consequences of the values, at the end of the file.
@@ -99,7 +88,6 @@ def commented_experiment(
     other lines begin with "#" and show the value of body or robot, the default, or an example.
 
     Args:
-        declared: tables that an experiment may have.
         name: name of the new file.
         base: one of the repository's experiments.
         robot: file of another robot; None for the shipped one.
@@ -133,13 +121,21 @@ def commented_experiment(
     for table, model in models.items():
         if table not in ("robot", "plant"):
             lines += page.table(table, model)
-    lines += ["", f"# {TASKS_COMMENT}", *page.array("task", declared.tasks, others.values["task"])]
     kind = FAULT_KINDS[EXAMPLE_FAULT]
     assert kind.magnitudes is not None and kind.magnitude_key is not None
     fault = {"kind": EXAMPLE_FAULT, "target": kind.targets[0], "onset_s": 3.0, kind.magnitude_key: kind.magnitudes[1]}
-    lines += ["", f"# {FAULT_COMMENT}", *page.item("fault", fault_table_model(kind), fault, "#", {})]
-    lines += ["", f"# {CHANGE_COMMENT}", *page.array("change", {None: ChangeTable}, (EXAMPLE_CHANGE,))]
-    lines += ["", f"# {MEASURE_COMMENT}", *page.array("measure", MEASURES, (EXAMPLE_MEASURE,))]
+    sections = {
+        "Tasks stand instead of [reference]; they need [approach], [controller.touch], .feed_forward and .damping.": (
+            page.array("task", declared.tasks, others.values["task"])
+        ),
+        "Faults: docs/faults_reference.md has every kind.": page.item("fault", fault_table_model(kind), fault, "#", {}),
+        "Scheduled changes of the controller.": page.array("change", {None: ChangeTable}, (EXAMPLE_CHANGE,)),
+        "Measures of twin check: docs/regression.md has every kind.": (
+            page.array("measure", MEASURES, (EXAMPLE_MEASURE,))
+        ),
+    }
+    for remark, section in sections.items():
+        lines += ["", f"# {remark}", *section]
     lines += ["", "# The robot as the file that this one extends has it.", "#[robot]"]
     whole = _plain_keys(declared.tables["robot"])
     lines += page.keys("robot", declared.tables["robot"], {}, {})
@@ -148,7 +144,7 @@ def commented_experiment(
     origins = page.origins("plant")
     lines += [
         "",
-        f"# {PLANT_COMMENT}",
+        "# The true robot where it differs from [robot]: any key of it. The controller does not know it.",
         f"{'' if true else '#'}[plant]",
         *page.keys("plant", declared.tables["plant"], true, origins, whole),
     ]
@@ -159,9 +155,7 @@ def commented_experiment(
 class _TemplateWriter:
     """Writer of a commented experiment template; tables and keys without an active value are commented out.
 
-    Args:
-        own: active values.
-        nearer, farther: sources of other values, tried before and after the default.
+    `own` has the active values, `nearer` and `farther` other values, tried before and after the default.
     """
 
     def __init__(self, own: Source, nearer: Table, farther: Table):
@@ -180,7 +174,10 @@ class _TemplateWriter:
         lines = ["", f"# {_summary(model)}", f"{mark}[{name}]", *self.keys(name, model, own or {}, self.origins(name))]
         fields = model.model_fields
         if name in RETAINED_KEYS and model is not StandIn:
-            lines += [f"# {THIRD_PARTY_COMMENT}", *self.keys(name, StandIn, own or {}, self.origins(name))]
+            lines += [
+                "# Instead of twin's own, an FMU or a Python class: docs/roles.md.",
+                *self.keys(name, StandIn, own or {}, self.origins(name)),
+            ]
             fields = {**fields, **StandIn.model_fields}
         for field, info in fields.items():
             inner, path = nested_model(info.annotation), f"{name}.{info.alias or field}"
@@ -189,7 +186,7 @@ class _TemplateWriter:
                 lines += ["", f"# {info.description}", f"{'' if entries else '#'}[{path}]"]
                 lines += [_line(key, value, "", self.origins(path).get(key)) for key, value in entries.items()]
             elif path == "controller.model":
-                lines += ["", f"# {MODEL_COMMENT}", f"#[{path}]"]
+                lines += ["", "# The controller's belief where it differs from [robot]: any key of it.", f"#[{path}]"]
             elif inner is not None and get_origin(info.annotation) is tuple:
                 entries = value_at(self._own.values, path)
                 for entry in entries or (info.examples or [()])[0]:
@@ -275,11 +272,7 @@ def _line(key: str, value: Any, mark: str, source: str | None = None) -> str:
 
 
 def shipped_experiment(start: str) -> Path:
-    """Return the file of a shipped experiment.
-
-    Raises:
-        InputRefused: `start` is unknown.
-    """
+    """Return the file of a shipped experiment."""
     known = known_experiments()
     if start not in known:
         raise InputRefused(f"--from {start}: no such experiment; {nearest(start, known)}")
@@ -289,12 +282,8 @@ def shipped_experiment(start: str) -> Path:
 def start_experiment(declared: DeclaredTables, file: Path, start: str, robot: Path | None = None) -> list[Path]:
     """Write a new experiment file that is equivalent to a shipped experiment, or to that on another robot.
 
-    Returns:
-        The written files: `file`, and the JSON Schema beside it if missing.
-
     Raises:
-        InputRefused: `file` exists, `start` is unknown, or `robot` is not a robot's file.
-        NotWritten: the file cannot be written.
+        InputRefused: `start` is unknown, or `robot` is not a robot's file; see also `write_new`.
     """
     base = shipped_experiment(start)
     extends = ROBOT_FILE if robot is None else os.path.relpath(robot, file.parent)

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 from twin.kernel.errors import InputRefused
 from twin.robot.experiment.fault import (
     ALWAYS_DETECTED,
-    ANY_MAGNITUDE,
     FAULT_KINDS,
     NEVER_DETECTED,
     DetectionThreshold,
@@ -38,8 +37,7 @@ class CommonCause(NamedTuple):
     """A common cause that breaks several parts of the robot at once, as a fault of a target group.
 
     Attributes:
-        kind: kind of the catalogue.
-        target: one of its groups, or a target shared by all parts.
+        target: one of the kind's groups, or a target shared by all parts.
         why: plausible physical cause.
         threshold: smallest magnitude that the monitor is expected to detect, stated before any run.
     """
@@ -126,11 +124,7 @@ ORDERED_PAIRS += tuple((first, ALL_DRIVES) for first, second in ORDERED_PAIRS if
 def expects_detection(cause: CommonCause, magnitude: float | None, in_contact: bool) -> bool:
     """Whether the safety monitor is expected to detect a common cause at a magnitude of the catalogue."""
     start = cause.threshold.contact if in_contact else cause.threshold.free
-    magnitudes = FAULT_KINDS[cause.kind].magnitudes
-    if start is None or start == ANY_MAGNITUDE or magnitudes is None or magnitude is None:
-        return start is not None
-    size = abs(magnitude) if magnitudes[0] > 0 else -abs(magnitude)
-    return size in magnitudes and magnitudes.index(size) >= magnitudes.index(start)
+    return FAULT_KINDS[cause.kind].is_reached(start, magnitude)
 
 
 def fault_values(kind: str, target: str, magnitude: float | None, onset: float) -> dict[str, Any]:

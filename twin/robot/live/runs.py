@@ -91,9 +91,7 @@ def record_run(
 ) -> Run:
     """Run an experiment in a folder of its own; notes {"experiment", "folder", "duration" (s)} before it.
 
-    Args:
-        out, isolate_drives, limit_step, results: see `recorded_runs`.
-        execution: arguments of `execute`.
+    The other arguments are those of `recorded_runs`, and of `execute`.
 
     Raises:
         InputRefused: the experiment has errors; a folder without a name by the user is removed.
@@ -105,9 +103,14 @@ def record_run(
     duration = experiment.duration_ticks * experiment.cosim.tick
     reporter.note(experiment=experiment.name, folder=str(folder), duration=duration)
     try:
-        isolated = isolate_drives or need_processes(planned_drives(experiment))
-        # made here because a limit is given; otherwise `assemble` decides
-        with _isolated_drives(reporter, limit_step) if isolated else nullcontext(IN_PROCESS_MAKER) as maker:
+        makers: AbstractContextManager[DriveMaker] = nullcontext(IN_PROCESS_MAKER)
+        if isolate_drives or need_processes(planned_drives(experiment)):
+            # imported here, as its compiled code takes a while to load
+            from twin.robot.assembly.isolated_drive import IsolatedDrives
+
+            # made here because a limit is given; otherwise `assemble` decides
+            makers = IsolatedDrives(reporter, limit_step)
+        with makers as maker:
             return execute(experiment, folder, reporter.progress, timed=True, maker=maker, **execution)
     except JobFailure as failure:
         raise ComponentFailed(f"{failure}\n{recording_status(folder)}") from None
@@ -133,16 +136,11 @@ def run_facts(experiment: Experiment, run: Run, remarks: Sequence[str] = ()) -> 
 
 
 def load_continuation(run: str, settings: Sequence[str]) -> tuple[Experiment, StoredState | None, str]:
-    """Load the experiment of an incomplete run and the state to continue from.
-
-    The state is None to run from the start. A remark about the state is returned, too.
+    """Load an incomplete run's experiment, the state to continue from (None to run from the start), and a remark.
 
     Args:
         run: a recording or its folder, optionally with @ and the latest time (s) of the state.
         settings: empty, or "duration_s=...".
-
-    Raises:
-        InputRefused: the run is complete, or a setting changes more than its duration.
     """
     path, time = split_time(run)
     recording = recording_in(Path(path))
@@ -179,22 +177,19 @@ def _other_duration(settings: Sequence[str]) -> float | None:
     return None
 
 
-def _isolated_drives(reporter: Reporter, limit_step: float) -> AbstractContextManager[DriveMaker]:
-    # imported here, as its compiled code takes a while to load
-    from twin.robot.assembly.isolated_drive import IsolatedDrives
-
-    return IsolatedDrives(reporter, limit_step)
-
-
 def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: Any) -> None:
     """Run and record experiments, served to live viewers; each run begins with its first viewer.
 
+<<<<<<< HEAD
     Notes: {"line": text of the server for the user}; the others are those of `recorded_runs`. Arguments as of
     `LiveServer` and `recorded_runs`.
+=======
+    Notes: {"serving": address} when a run waits for its first viewer; {"refused": sentence} for a refused connection
+    meanwhile; the others, and `arguments`, are those of `recorded_runs`. For `port` and `origins`, see `LiveServer`.
+>>>>>>> w_T3
 
     Raises:
         InputRefused: websockets is not installed, the port is taken, or an origin is invalid.
-        TwinError: see `recorded_runs`.
     """
     with live_server(lambda text: reporter.note(line=text), port, origins) as server:
         recorded_runs(reporter, **arguments, viewer=server)

@@ -37,7 +37,6 @@ READ_ONLY_REFUSAL = "refused: this viewer watches only; to tune, open the addres
 MAX_MESSAGE_BYTES = 2**16
 """Maximum size (bytes) of a viewer's message; subscribing to everything takes a thousand."""
 MAX_VIEWERS = 64
-"""Maximum number of simultaneous viewers."""
 MAX_REFUSALS = 5
 """Maximum number of printed refusals, so that a page that keeps reconnecting does not flood the terminal."""
 CLOSE_TIMEOUT = 2.0
@@ -55,11 +54,7 @@ class Parameters(Protocol):
         """Return all parameters that a viewer may see or change, by name."""
 
     def request(self, name: str, value: object, /) -> None:
-        """Request a new value of a parameter of the run for a live viewer.
-
-        Raises:
-            InputRefused: the parameter is unknown, or its value is invalid.
-        """
+        """Request a new value of a parameter of the run for a live viewer; InputRefused if it is invalid or unknown."""
 
 
 class Client:
@@ -221,15 +216,12 @@ logging.getLogger("asyncio").addFilter(lambda record: record.msg != "socket.send
 
 
 class Broadcast:
-    """The live server of one run, in a thread of its own; it listens once constructed.
+    """The live server of one run, in a thread of its own; it listens at `port` once constructed.
 
     Attributes:
         news: messages about refused connections; None marks the first subscription.
         wanted: channels with a subscriber.
         lacking: constant channels whose message a subscriber still lacks.
-
-    Raises:
-        OSError: the port is taken.
     """
 
     def __init__(self, port: int, gate: Gate, channels: Sequence[live.Channel], tuning: Parameters):

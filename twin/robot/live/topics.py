@@ -22,11 +22,10 @@ from twin.robot.scene import Drawing
 
 
 class SceneSource(Protocol):
-    """Interface of a source of 3D drawings for a live viewer."""
+    """Interface of a source of 3D drawings for a live viewer, with their message forms."""
 
     @property
-    def forms(self) -> Sequence[MessageForm]:
-        """Message forms of the drawings for a viewer."""
+    def forms(self) -> Sequence[MessageForm]: ...
 
     def drawings(self, first: int, rows: np.ndarray, /) -> Iterable[Drawing]:
         """Return the drawings for `rows` (n, width) from tick `first` on; at tick 0 everything is drawn."""
@@ -35,8 +34,8 @@ class SceneSource(Protocol):
 class Topics:
     """Channels of a run for live viewers and their messages, with the names, schemas and units of the recording.
 
-    Attributes:
-        channels: channels of the streams, in order, of the scene, such as `/scene`, `/tf` and `/force`, and `/events`.
+    The channels are those of the streams, in order, of the scene, such as `/scene`, `/tf` and `/force`, and `/events`.
+    See `twin.robot.run.viewer.Viewer.begin` for the arguments.
     """
 
     def __init__(self, streams: Sequence[RowStream], scene: SceneSource, tick: float):
@@ -61,9 +60,7 @@ class Topics:
     ) -> Iterator[Message]:
         """Yield the viewer messages of one row of a run and of its events.
 
-        Args:
-            wanted: channels with a subscriber, as unseen drawings are skipped.
-            lacking: constant channels to send.
+        `wanted` are channels with a subscriber, as unseen drawings are skipped; `lacking` are constant channels.
         """
         for event in events:
             time = self.time(event.tick)

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from twin.kernel.compiled.function import njit, three, with_lane
 from twin.kernel.errors import InputRefused
-from twin.kernel.settings import Settings, Triple, setting
+from twin.kernel.settings import Settings, Triple, Values, setting
 
 # exact, because sin and cos of phi_i in floating point are off by up to 1e-16 and would tilt the symmetry
 LEG_COS = (0.0, math.sqrt(3.0) / 2.0, -math.sqrt(3.0) / 2.0)
@@ -127,7 +127,7 @@ class Model(Settings):
     joint_zero: Triple = setting("deg", into="encoders", help="reading of each joint encoder at angle 0; three numbers")
 
 
-def geometry_of(model: Model) -> Geometry:
+def geometry_of(model: Model | Values) -> Geometry:
     """Return the lengths of Fig. 2 of `model`."""
     return Geometry(model.a, model.b, model.l_a, model.l_b)
 

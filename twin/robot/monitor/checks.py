@@ -11,26 +11,7 @@ import numpy as np
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.port import record, states
 from twin.robot.monitor.limits import Limits
-from twin.robot.monitor.reasons import (
-    CONTACT_TIME,
-    DEFLECTION,
-    FOLLOW,
-    FORCE,
-    FORCE_RATE,
-    FROZEN_JOINT,
-    FROZEN_MOTOR,
-    HIDDEN_FORCE,
-    INVALID_COMMAND,
-    JUMP,
-    PENETRATION,
-    RADIUS,
-    REASON_COUNT,
-    SATURATION,
-    SPEED,
-    TOO_HIGH,
-    TOO_LOW,
-    Reason,
-)
+from twin.robot.monitor.reasons import REASON_COUNT, Reason
 
 # times are whole ticks times the tick: a value that rounds to just below its limit has reached it
 REACHED_SHARE = 1.0 - 1e-9
@@ -102,35 +83,35 @@ def update_timers(limits, seen, timers, sent, ticks):
 @njit(cache=True)
 def evaluate_sample(seen, timers, values, joints, tick):
     """Compute the values of all monitor checks on the encoder messages; `tick` in s."""
-    store_largest(values, joints, JUMP, seen.fastest, 1.0)
-    store_largest(values, joints, DEFLECTION, seen.deflection, 1.0)
-    store_largest(values, joints, FROZEN_MOTOR, timers.still, tick)
-    store_largest(values, joints, FOLLOW, timers.unfollowed, tick)
+    store_largest(values, joints, Reason.JUMP, seen.fastest, 1.0)
+    store_largest(values, joints, Reason.DEFLECTION, seen.deflection, 1.0)
+    store_largest(values, joints, Reason.FROZEN_MOTOR, timers.still, tick)
+    store_largest(values, joints, Reason.FOLLOW, timers.unfollowed, tick)
     worst = 0
     for i in range(1, 3):
         if abs(seen.theta_m[i] - timers.anchor[i]) > abs(seen.theta_m[worst] - timers.anchor[worst]):
             worst = i
-    values[FROZEN_JOINT] = abs(seen.theta_m[worst] - timers.anchor[worst])
-    joints[FROZEN_JOINT] = worst + 1
-    values[FORCE] = seen.force
-    values[FORCE_RATE] = max(0.0, seen.force_rate)
-    values[PENETRATION] = seen.depth
-    values[SPEED] = seen.speed
-    values[RADIUS] = math.sqrt(seen.p_B[0] * seen.p_B[0] + seen.p_B[1] * seen.p_B[1])
-    values[TOO_LOW] = seen.p_B[2]
-    values[TOO_HIGH] = seen.p_B[2]
-    values[CONTACT_TIME] = tick * seen.contact_ticks
-    values[HIDDEN_FORCE] = tick * seen.hidden_ticks
+    values[Reason.FROZEN_JOINT] = abs(seen.theta_m[worst] - timers.anchor[worst])
+    joints[Reason.FROZEN_JOINT] = worst + 1
+    values[Reason.FORCE] = seen.force
+    values[Reason.FORCE_RATE] = max(0.0, seen.force_rate)
+    values[Reason.PENETRATION] = seen.depth
+    values[Reason.SPEED] = seen.speed
+    values[Reason.RADIUS] = math.sqrt(seen.p_B[0] * seen.p_B[0] + seen.p_B[1] * seen.p_B[1])
+    values[Reason.TOO_LOW] = seen.p_B[2]
+    values[Reason.TOO_HIGH] = seen.p_B[2]
+    values[Reason.CONTACT_TIME] = tick * seen.contact_ticks
+    values[Reason.HIDDEN_FORCE] = tick * seen.hidden_ticks
 
 
 @njit(cache=True)
 def evaluate_command(limits, timers, omega_ref, values, joints, ticks, tick):
     """Compute the monitor checks on the command `omega_ref` (3,), rad/s, `ticks` after the previous command."""
-    values[INVALID_COMMAND] = count_unusable(omega_ref, MAX_COMMAND)
+    values[Reason.INVALID_COMMAND] = count_unusable(omega_ref, MAX_COMMAND)
     for i in range(3):
         saturated = abs(omega_ref[i]) >= REACHED_SHARE * limits.command_limit
         timers.saturated[i] = timers.saturated[i] + ticks if saturated else 0
-    store_largest(values, joints, SATURATION, timers.saturated, tick)
+    store_largest(values, joints, Reason.SATURATION, timers.saturated, tick)
 
 
 @njit(cache=True, error_model="numpy")

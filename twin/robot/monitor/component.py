@@ -17,7 +17,7 @@ from twin.kernel.cosim.port import Port, by_port, memory_of, record, record_of, 
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
 from twin.kernel.settings import Values, fields_of_form, setting, setting_fields
-from twin.robot.mechanism.geometry import Geometry, Model
+from twin.robot.mechanism.geometry import Model, geometry_of
 from twin.robot.mechanism.kinematics import jacobian, jacobian_row, joint_angles, platform_position
 from twin.robot.mechanism.statics import (
     Masses,
@@ -40,7 +40,7 @@ from twin.robot.monitor.checks import (
     update_timers,
 )
 from twin.robot.monitor.limits import LIMITS_RECORD, Limits
-from twin.robot.monitor.reasons import INVALID_SAMPLE, NO_POSE, REASON_COUNT, SILENT, STALE, Reason, Trip, trip_message
+from twin.robot.monitor.reasons import REASON_COUNT, Reason, Trip, trip_message
 from twin.robot.monitor.safe_action import (
     RETRACTION_RECORD,
     add_travel,
@@ -123,10 +123,8 @@ class Resolution(NamedTuple):
         deflection: deflection of a spring on the motor's side (rad).
         motor_speed: one motor count from one sample to the next (rad/s).
         jump: motor and joint count together from one sample to the next (rad/s).
-        force: magnitude of the force (N).
-        force_rate: force per sample (N/s).
-        position: position of the platform (m).
-        velocity: position per sample (m/s).
+        force, force_rate: magnitude of the force (N), and the same per sample (N/s).
+        position, velocity: position of the platform (m), and the same per sample (m/s).
     """
 
     deflection: float
@@ -148,7 +146,7 @@ def resolution(belief: MonitorBelief, p_B: ArrayLike, dt: float) -> Resolution:
     Raises:
         Unreachable: `p_B` is outside the workspace.
     """
-    J = jacobian(geometry_of_belief(belief), p_B)
+    J = jacobian(geometry_of(belief), p_B)
     motor, joint = 2.0 * np.pi / belief.motor_counts, 2.0 * np.pi / belief.joint_counts
     deflected = motor + belief.N * joint
     force = float(load_torque(belief.k_s, belief.N, belief.eta, deflected)) * float(np.linalg.norm(J, axis=1).sum())
@@ -172,17 +170,12 @@ def press_deflection(belief: MonitorBelief, p_B: ArrayLike, force: float) -> flo
     Raises:
         Unreachable: `p_B` is outside the workspace.
     """
-    shape = geometry_of_belief(belief)
+    shape = geometry_of(belief)
     theta_l, J = joint_angles(shape, p_B), jacobian(shape, p_B)
     masses = Masses(belief.m_a, belief.m_b, belief.m_p, 0.0)
     unloaded = force_on_environment(shape, masses, theta_l, p_B, np.zeros(3))
     tau_l = np.linalg.solve(J.T, np.array([0.0, 0.0, -force]) - unloaded)
     return float(np.abs(tau_l).max() / load_torque(belief.k_s, belief.N, belief.eta, 1.0) + belief.backlash)
-
-
-def geometry_of_belief(belief: MonitorBelief) -> Geometry:
-    """Return the robot's lengths of Fig. 2 that the monitor believes."""
-    return Geometry(belief.a, belief.b, belief.l_a, belief.l_b)
 
 
 @njit(cache=True)
@@ -199,13 +192,10 @@ def low_pass_share(corner, dt):
 
 @njit(cache=True, error_model="numpy")
 def observe_joints(belief, seen, share, dt, count_m, count_l, sent):
-    """Update the monitor's angles, speeds and torques of the three joints from counts (3,) each, `dt` (s) after the
-    previous sample.
+    """Update the monitor's angles, speeds and torques of the three joints, `dt` (s) after the previous sample, from
+    counts (3,) each and the commanded motor speeds `sent` (3,), rad/s, since then.
 
     An unusable count leaves its angle unchanged; that matters only after a trip, since the first one trips.
-
-    Args:
-        sent: commanded motor speeds since the previous sample (3,), rad/s.
     """
     for i in range(3):
         theta_m = angle(count_m[i], belief.motor_counts, belief.motor_zero[i])
@@ -322,7 +312,7 @@ def observe(m, count_m, count_l, ticks, tick):
     share = low_pass_share(m.limits.filter, dt)
     observe_joints(m.belief, m.seen, share, dt, count_m, count_l, m.sent)
     posed = observe_platform(m.belief, m.seen, share, dt)
-    m.values[NO_POSE] = 0.0 if posed else 1.0
+    m.values[Reason.NO_POSE] = 0.0 if posed else 1.0
     observe_contact(m.seen, m.limits.contact_force, ticks)
     if posed and m.limits.drive_droop > 0.0:
         update_hidden_force(m.limits, m.belief, m.seen, ticks, dt)
@@ -339,14 +329,14 @@ def receive_sample(m, u, tick):
     new one."""
     # not >=: that would let NaN pass
     lost = 0 if abs(u.sample) < MAX_SAMPLE_NUMBER else 1
-    m.values[INVALID_SAMPLE] = count_unusable(u.count_m, MAX_COUNT) + count_unusable(u.count_l, MAX_COUNT) + lost
+    m.values[Reason.INVALID_SAMPLE] = count_unusable(u.count_m, MAX_COUNT) + count_unusable(u.count_l, MAX_COUNT) + lost
     # after a trip the sound encoders of such a message are judged
-    if m.values[INVALID_SAMPLE] > 0.0 and (m.reason == 0 or lost):
+    if m.values[Reason.INVALID_SAMPLE] > 0.0 and (m.reason == 0 or lost):
         return 0
     sample = int(u.sample)
     if not m.seen.started:
         m.first_tick, m.first_sample, m.sample = m.tick, sample, sample - 1
-    m.values[STALE] = tick * abs((m.tick - m.first_tick) - (sample - m.first_sample) * m.sample_interval)
+    m.values[Reason.STALE] = tick * abs((m.tick - m.first_tick) - (sample - m.first_sample) * m.sample_interval)
     if sample <= m.sample:
         return 0
     ticks = (sample - m.sample) * m.sample_interval
@@ -367,12 +357,7 @@ def monitor_inputs(remote: bool) -> tuple[Port, ...]:
 
 @cache
 def make_step(lines, remote=False):
-    """Compile the step function of a safety monitor.
-
-    Args:
-        lines: whether each drive has a power line of its own.
-        remote: whether the commands come from a remote controller.
-    """
+    """Compile the step function of a monitor, with or without a power line per drive and a remote controller."""
 
     @step_function(MONITOR_MEMORY, monitor_inputs(remote), monitor_outputs(lines))
     def step(m, t, h, u, y):
@@ -380,7 +365,7 @@ def make_step(lines, remote=False):
         ticks = receive_sample(m, u, tick)
         evaluate_command(m.limits, m.timers, u.omega_ref, m.values, m.joints, m.period, tick)
         if remote:
-            m.values[SILENT] = u.age
+            m.values[Reason.SILENT] = u.age
         reason, utilisation = first_violation(m.values, m.limit, m.rest)
         since = (m.tick - m.trip_tick) * tick
         if m.reason == 0 and reason != 0:
@@ -396,7 +381,7 @@ def make_step(lines, remote=False):
             m.retraction.blind = 0 if ticks > 0 else m.retraction.blind + m.period
             unseen = m.retraction.blind * tick >= REACHED_SHARE * m.limits.stale_time
             if ticks > 0 or unseen:
-                enforce(m.limits, m.seen, m.retraction, lines, m.tick, since, m.values[STALE], unseen)
+                enforce(m.limits, m.seen, m.retraction, lines, m.tick, since, m.values[Reason.STALE], unseen)
             close_brakes(m.limits, m.seen, m.retraction, tick, m.tick)
         for i in range(3):
             m.sent[i] = u.omega_ref[i]
@@ -425,8 +410,6 @@ class SafetyMonitor(NativeComponent):
     It latches at the first reached limit, retracts the robot, then holds it; docs/safety.md has the reasons.
 
     Args:
-        belief: the monitor's own model of the robot.
-        limits: limits and parameters of the retraction.
         sample_interval: ticks between two encoder messages.
         period: period in ticks.
         lines: whether each drive has a power line of its own, and brakes have one.
@@ -445,7 +428,7 @@ class SafetyMonitor(NativeComponent):
         memory = memory_of(MONITOR_MEMORY, belief=tuple(belief), limits=tuple(limits), sample_interval=sample_interval)
         memory["limit"][0], memory["rest"][0] = thresholds(limits)
         if silence is not None:
-            memory["limit"][0, SILENT] = silence
+            memory["limit"][0, Reason.SILENT] = silence
         memory["period"], memory["retraction"]["power"], memory["retraction"]["power_off_tick"] = period, 1, -1
         ports = monitor_outputs(lines)
         initial = np.zeros(width(ports))

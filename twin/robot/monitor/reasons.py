@@ -37,13 +37,9 @@ class Reason(IntEnum):
 
 
 class ReasonText(NamedTuple):
-    """Error message of a trip reason, with the compared quantity and its display unit.
+    """Error message of a trip reason, with the compared quantity, and its unit for people and their number per SI unit.
 
-    Attributes:
-        sentence: cause, with `{joint}` where one joint caused the trip.
-        quantity: quantity that is compared with the limit.
-        unit: for people.
-        per_si: factor from SI to `unit`.
+    `sentence` has `{joint}` where one joint caused the trip.
     """
 
     sentence: str
@@ -87,13 +83,9 @@ REASON_TEXTS = {
 
 
 class Trip(NamedTuple):
-    """Latched trip of the safety monitor.
+    """Latched trip of the safety monitor: the evaluation's tick, the first reached limit, and the compared values, SI.
 
-    Attributes:
-        tick: tick of the evaluation that tripped.
-        reason: first reason whose limit was reached.
-        value, limit: compared values, SI.
-        joint: 1, 2 or 3 where one joint caused the trip, else 0.
+    `joint` is 1, 2 or 3 where one joint caused the trip, else 0.
     """
 
     tick: int
@@ -114,8 +106,3 @@ def trip_message(trip: Trip) -> str:
 
 REASON_COUNT = len(Reason)
 """Number of reasons, NONE among them."""
-(
-    INVALID_SAMPLE, STALE, JUMP, NO_POSE, DEFLECTION, FROZEN_MOTOR, FROZEN_JOINT, FORCE, FORCE_RATE, PENETRATION, SPEED,
-    RADIUS, TOO_LOW, TOO_HIGH, CONTACT_TIME, INVALID_COMMAND, SATURATION, FOLLOW, HIDDEN_FORCE,
-    SILENT,
-) = (int(reason) for reason in Reason if reason is not Reason.NONE)  # fmt: skip

@@ -18,7 +18,7 @@ from twin.kernel.settings import fields_of_form
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import joint_angles, position
 from twin.robot.monitor.checks import MAX_COUNT
-from twin.robot.monitor.reasons import DEFLECTION, FROZEN_JOINT, FROZEN_MOTOR, HIDDEN_FORCE, NO_POSE
+from twin.robot.monitor.reasons import Reason
 
 RETREAT_STEPS = 101
 
@@ -89,15 +89,15 @@ def mark_doubtful_encoders(limits, seen, timers, retraction, reason, count_m, co
         # not >=: that would let NaN pass
         elif (
             not abs(count_m[i]) < MAX_COUNT
-            or (reason == FROZEN_MOTOR and still)
+            or (reason == Reason.FROZEN_MOTOR and still)
             or (jumped and m >= min(l, limits.jump_limit))
         ):
             retraction.doubt_m[i] = 1
         if (
             not abs(count_l[i]) < MAX_COUNT
-            or reason in (NO_POSE, HIDDEN_FORCE)
-            or (reason == DEFLECTION and deflected)
-            or (reason == FROZEN_JOINT and stuck)
+            or reason in (Reason.NO_POSE, Reason.HIDDEN_FORCE)
+            or (reason == Reason.DEFLECTION and deflected)
+            or (reason == Reason.FROZEN_JOINT and stuck)
             or (jumped and l >= min(m, limits.jump_limit))
         ):
             retraction.doubt_l[i] = 1
@@ -248,11 +248,9 @@ def supervise(limits, seen, retraction, lines, ticks, tick, now, since):
     the two encoders may be wrong. A doubted joint encoder is ignored; if both are doubted, the joint is not judged.
 
     Args:
-        lines: whether each drive has a power line of its own.
         ticks: ticks since the previous valid encoder message.
         tick: duration of a tick (s).
-        now: current tick.
-        since: time since the trip (s).
+        lines, now, since: see `enforce`.
     """
     limit = follow_tolerance(limits, since)
     for i in range(3):
@@ -276,12 +274,9 @@ def close_brakes(limits, seen, retraction, tick, now):
 
 
 class Retreat(NamedTuple):
-    """Effect of the monitor's retraction on the platform: rise and sideways motion.
+    """Effect of the monitor's retraction on the platform: its rise and horizontal displacement (m).
 
-    Attributes:
-        raised: rise of the platform (m).
-        sideways: horizontal displacement (m).
-        slowest: lowest rise per motor angle along the path (m/rad); negative where the platform would sink.
+    `slowest` is the lowest rise per motor angle along the path (m/rad); negative where the platform would sink.
     """
 
     raised: float
@@ -298,7 +293,6 @@ def retreat(geometry: Geometry, N: float, p_B: ArrayLike, retract: float) -> Ret
 
     Raises:
         Unreachable: the path leaves the workspace.
-        InputRefused: p_B is not finite or not of shape (3,).
     """
     theta_m = np.linspace(0.0, retract, RETREAT_STEPS)
     path = position(geometry, joint_angles(geometry, p_B) - theta_m[:, None] / N)

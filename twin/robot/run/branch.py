@@ -13,6 +13,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import read_metadata
 from twin.robot.assembly.load import recorded_experiment
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.mistakes import LENGTH_KEYS
 from twin.robot.faults import FaultComponent
 
 FIXED_KEYS = {
@@ -25,22 +26,16 @@ FIXED_KEYS = {
     "robot": "it fills truth and belief before the start; set plant.* or controller.model.*",
 }
 """Keys that cannot change in mid-run, with the reasons; the keys below them neither."""
-LENGTH_KEYS = ("a_mm", "b_mm", "l_a_mm", "l_b_mm")
-"""Lengths of the mechanism, fixed in every table: a rod whose length jumps has no consistent position."""
 
 
 def refuse_fixed_keys(settings: Sequence[str], option: str = "--set") -> None:
-    """Refuse settings of a branch that cannot change in mid-run.
-
-    Args:
-        settings: "table.key=value" texts.
-        option: command-line option of the settings, for the error message.
-    """
+    """Refuse settings of a branch, "table.key=value" texts of a command-line option, that cannot change in mid-run."""
     for setting in settings:
         key = setting.partition("=")[0].strip()
         for fixed, why in FIXED_KEYS.items():
             if key == fixed or key.startswith(f"{fixed}."):
                 raise InputRefused(f"{option} {setting}: {fixed} cannot change in mid-run: {why}")
+        # in every table: a rod whose length jumps has no consistent position
         if key.rpartition(".")[2] in LENGTH_KEYS:
             raise InputRefused(f"{option} {setting}: lengths of the mechanism cannot change in mid-run")
 
@@ -51,13 +46,7 @@ def branched_experiment(
     faults: Sequence[str] = (),
     body: str | None = None,
 ) -> Experiment:
-    """Load the experiment of a recorded run with changes that act from a later time on.
-
-    Args:
-        settings: "table.key=value" texts.
-        faults: inline TOML tables, added to the experiment's faults.
-        body: file of bodies/ that replaces the body; its height stays.
-    """
+    """Load the experiment of a recorded run with changes that act from a later time on, see `recorded_experiment`."""
     refuse_fixed_keys(settings)
     return recorded_experiment(
         read_metadata(recording), recording, changed=True, settings=settings, faults=faults, body=body

@@ -24,8 +24,7 @@ def estimate(experiment: Experiment) -> tuple[float, float]:
 def refuse_endless(experiments: Sequence[Experiment], factor: float | None = None) -> None:
     """Refuse runs that take very long or fill the disk, unless the user confirms them.
 
-    Args:
-        factor: simulated time per wall time; None or 0 for as fast as possible.
+    `factor` is the simulated time per wall time; None or 0 for as fast as possible.
     """
     costs = [estimate(experiment) for experiment in experiments]
     seconds, size = (sum(cost[i] for cost in costs) for i in (0, 1))

@@ -12,13 +12,9 @@ from twin.robot.plant.surface_motion import Body
 
 
 class FaultStarts:
-    """Buttons that start the faults of a run: `fault.N.start` for the [[fault]] table N.
+    """Buttons that start the faults of a run: keys `fault.N.start` for the [[fault]] table N.
 
-    Args:
-        moved: called with index, onset and end (ticks) of each started fault, before the slice of its onset.
-
-    Attributes:
-        keys: number of the table by key.
+    `moved` is called with index, onset and end (ticks) of each started fault, before the slice of its onset.
     """
 
     def __init__(self, experiment: Experiment, system: System, moved: Callable[[int, int, int], None]):
@@ -26,11 +22,7 @@ class FaultStarts:
         self._experiment, self._system, self._moved = experiment, system, moved
 
     def require_button(self, key: str, value: object) -> None:
-        """Reject a value that does not start a fault.
-
-        Raises:
-            InputRefused: another value than true.
-        """
+        """Reject a value that does not start a fault."""
         if value is not True:
             raise InputRefused(f"{key} = {value!r}: expected true, which starts the fault; it cannot be undone")
 
@@ -40,7 +32,8 @@ class FaultStarts:
             if fault.table != self.keys[key]:
                 continue
             for component in self._system.components:
-                if isinstance(component, FaultComponent) and _belongs(component.name, index + 1):
+                # fault_1, and fault_1_power behind it
+                if isinstance(component, FaultComponent) and component.name.split("_")[:2] == ["fault", str(index + 1)]:
                     component.begin_at(tick)
             end = NO_END_TICK if fault.end == NO_END_TICK else fault.end - fault.onset + tick
             if FAULT_KINDS[fault.kind].mechanism == "body":
@@ -48,7 +41,6 @@ class FaultStarts:
             self._moved(index, tick, end)
 
     def _move_surface(self, index: int, tick: int, end: int) -> None:
-        """Let the surface motion of a fault begin at `tick`."""
         body = self._system.component("body")
         if not isinstance(body, Body):
             return
@@ -59,8 +51,3 @@ class FaultStarts:
         motion["onset"] = tick * self._system.tick
         if end != NO_END_TICK:
             motion["end"] = end * self._system.tick
-
-
-def _belongs(name: str, number: int) -> bool:
-    """Whether a component belongs to fault `number`: fault_1, and fault_1_power behind it."""
-    return name == f"fault_{number}" or name.startswith(f"fault_{number}_")

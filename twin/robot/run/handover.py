@@ -21,19 +21,11 @@ from twin.robot.run.watch import run_observers
 
 
 class BranchPoint:
-    """The tick of a run at which its branches begin, with the state there.
-
-    Args:
-        experiment: experiment of the run, unchanged.
-        recording: file of the run, which may contain states.
+    """The tick of a run at which its branches begin, with the state there; `recording` may contain states.
 
     Attributes:
         lacking: per component without a state, the reason.
         how: description of the origin: a saved state, or a run from the start.
-
-    Raises:
-        InputRefused: a part of the run does not fit any more.
-        ComponentFailed: a component failed before the tick.
     """
 
     def __init__(self, experiment: Experiment, recording: Path, tick: int):

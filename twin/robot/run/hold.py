@@ -176,12 +176,7 @@ class HoldSums:
         self._tasks.flat[:] = values[size:]
 
     def add_rows(self, first: int, rows: NDArray[np.float64]) -> None:
-        """Add signal rows to the sums behind the measures of a held force.
-
-        Args:
-            first: tick of the first row.
-            rows: signal rows, (n, width).
-        """
+        """Add signal rows (n, width), the first of tick `first`, to the sums behind the measures of a held force."""
         rows = np.ascontiguousarray(rows)
         add_up(rows, *rows.shape, self._columns, first, self._memory, self._tasks, len(self._tasks))
 

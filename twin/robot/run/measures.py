@@ -59,14 +59,7 @@ def fixed_point(value: float, digits: int, sign: str = "") -> str:
 
 
 class ShownUnit(NamedTuple):
-    """A unit of displayed numbers.
-
-    Attributes:
-        text: unit symbol.
-        ending: form of the unit in keys and column names.
-        per_SI: number of these units in one `SI`.
-        SI: unit of the value in Python and JSON.
-    """
+    """A unit of displayed numbers: symbol, form in keys and column names, number of these units per `SI` of JSON."""
 
     text: str
     ending: str
@@ -132,14 +125,12 @@ class MeasureRow:
 
     Attributes:
         key: name in Python and JSON, where values are SI.
-        text: displayed name.
-        unit: displayed unit.
+        text, unit: displayed name and unit.
         meaning: definition in one sentence.
         interval: time over which it is taken.
         value: computation from the sums over held rows and the outcome of the whole run; NaN or None if undefined.
         digits: displayed decimals.
-        floor: smallest difference that counts, SI.
-        share: smallest difference that counts, as a share of the larger value.
+        floor, share: smallest difference that counts, SI and as a share of the larger value.
         missing: reason if the value does not exist.
     """
 
@@ -215,10 +206,6 @@ def _chatter(which: int) -> Callable[["HoldSums", RunOutcome], float | MeasuredV
     return value
 
 
-def _mean(name: str) -> Callable[["HoldSums", RunOutcome], float]:
-    return lambda hold, run: hold[name] / hold["count"]
-
-
 def _rms(name: str) -> Callable[["HoldSums", RunOutcome], float]:
     return lambda hold, run: math.sqrt(hold[name] / hold["count"])
 
@@ -252,7 +239,8 @@ MEASURE_ROWS = (
     MeasureRow("energy", "energy", J, "electrical energy that the drives draw", RUN_INTERVAL,
                lambda hold, run: hold["energy"], 2, share=EFFORT_SHARE, missing=NO_OUTPUT),
     MeasureRow("hold_mean_error", "mean force error while held", N,
-               "mean of the true pressing force minus its reference", HELD_INTERVAL, _mean("error"), floor=FORCE_FLOOR),
+               "mean of the true pressing force minus its reference", HELD_INTERVAL,
+               lambda hold, run: hold["error"] / hold["count"], floor=FORCE_FLOOR),
     MeasureRow("hold_overshoot_force", "overshoot in force", N, "largest true pressing force beyond its reference",
                "as the overshoot", _overshoot_force, 2, FORCE_FLOOR),
     MeasureRow("hold_begin", "held from", S, "first held tick", HELD_INTERVAL,

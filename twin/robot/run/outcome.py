@@ -29,8 +29,7 @@ DEVIATION_SIGNALS = {
 class Tally(Observer):
     """Observer that accumulates the summary numbers of a run, bit-identical however its rows are sliced.
 
-    Args:
-        system: layout of the rows, with the plant and controller of `twin.robot.assembly`.
+    `system` is the layout of the rows, with the plant and controller of `twin.robot.assembly`.
     """
 
     lasting = (

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.atomic_write import make_folder, write_json
-from twin.kernel.cosim.observers import Observer, ProgressObserver, SimulationResult
+from twin.kernel.cosim.observers import Observer, ProgressObserver
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import SavedState
 from twin.kernel.errors import ComponentFailed, EndRequest, InputRefused
@@ -208,12 +208,11 @@ class Run:
         events: (time in s, level, text).
         trip: reason why the safety monitor tripped; "" if it did not.
         drives: per drive: file, FMI version, hash, mapping, warnings; without substituted drives.
-        substituted: description of each substitute, by the name of the replaced component.
+        substituted, parts: descriptions of substitutes by replaced component, and of third-party parts by role.
         outcome: summary numbers of the true state.
         microseconds: wall time (us) per tick of each component, if measured.
         changed: whether parameters were changed by hand during the run; the events list the changes.
         punctuality: statistics of the deadlines; None if the run was not paced.
-        parts: descriptions of third-party parts, by role.
         held: pressing force of each task.
     """
 
@@ -263,15 +262,12 @@ def execute(
     state: StoredState | None = None,
     remote: RemoteSide | None = None,
 ) -> Run:
-    """Run an experiment and record it as run.mcap, with summary.json in the same folder.
+    """Run an experiment and record it as run.mcap, with summary.json in the same folder, which is created if missing.
 
     Args:
-        experiment: checked.
-        folder: folder of the run, created if missing.
         progress: called with (ticks done, total ticks) after every slice.
-        substitutes: see `assemble`. The recording, the summary and every report name them.
+        substitutes, maker: see `assemble`. The recording, the summary and every report name substitutes.
         timed: whether to measure the wall time of each component.
-        maker: see `assemble`.
         factor: simulated time per wall time, > 0; None for as fast as possible. It leaves no trace in the recording.
         viewer: live viewer, which may change parameters during the run.
         state: state to continue from; None to begin at the start.
@@ -343,8 +339,9 @@ def _execute_and_record(
         done = simulate_saving(assembly, last_tick, observers, slice_ticks, states, saved, going_on, adopt, timed)
         tuning.close()
         end = last_tick if done.simulation.is_over else done.simulation.next_tick - 1
-        if _is_regular_end(done) and done.simulation.next_tick > 0:
-            assert isinstance(done.failure, EndRequest)
+        by_remote = done.simulation.culprit == "remote" and done.simulation.next_tick > 0
+        # a drive's own request to end is a failure
+        if by_remote and isinstance(done.failure, EndRequest):
             recorder.end(done.failure)
             end = done.simulation.next_tick - 1
         elif done.failure:
@@ -366,11 +363,6 @@ def _execute_and_record(
         parts={role: part.sentence for role, part in assembly.third_party.items()},
         held=own.tally.held_forces,
     )
-
-
-def _is_regular_end(done: SimulationResult) -> bool:
-    """Whether a remote controller ended the run, rather than a failure or a drive's own request."""
-    return isinstance(done.failure, EndRequest) and done.simulation.culprit == "remote"
 
 
 def _describe_drive(plan: DrivePlan) -> str:

@@ -54,11 +54,9 @@ class Outcome:
         reason: the error message; "" if done.
         trace: signals, also of a failed run; None if not requested.
         numbers: measures of a completed run; None if not requested, or if it failed.
-        trip: trip of twin's own monitor; None without one.
-        power_off_tick: tick at which the monitor cut the power; None if it did not.
+        trip, power_off_tick: trip of twin's own monitor, and tick at which it cut the power; None without one.
         idle: whether the monitor never acted on the robot; True if not requested.
         culprit: name of the component that failed; "".
-        failure: the error; None if no component failed.
         stepping: wall time in the master (s).
     """
 
@@ -81,17 +79,13 @@ class Outcome:
 
 
 class MonitorWork(Observer):
-    """Observer of the safety monitor's effect: finds the first tick with an effect on the robot.
+    """Observer of the safety monitor's effect: finds the `first` tick with an effect on the robot, else infinity.
 
     The monitor is idle while its output command equals its input bit for bit and the power stays on. If nothing else
     reads more of it than command and power, all other signals then equal a run without it, by induction over
     ticks. A drive with an enable input is called differently if there is a monitor, so there the tick is 0.
 
-    Args:
-        past: observer of the run whose state this run continues.
-
-    Attributes:
-        first: first tick of a possible difference to the run without monitor; infinity without one.
+    `past` is the observer of the run whose state this run continues.
     """
 
     def __init__(self, past: "MonitorWork | None" = None):
@@ -127,11 +121,7 @@ class MonitorWork(Observer):
 
 
 class _Watch:
-    """The observers of one run in memory.
-
-    Args:
-        past: observers of the prefix that this run continues; None for a run from the start.
-    """
+    """The observers of one run in memory, which may continue the prefix observed by `past`."""
 
     def __init__(self, request: RunRequest, experiment: Experiment, past: "_Watch | None" = None):
         signals = request.signals
@@ -213,7 +203,6 @@ class Runs:
     from its last state before the first difference, bit-identical to a run from the start.
 
     Args:
-        request: data to keep of each run.
         after: number of runs made from the start before their prefix is simulated, which takes as long as two runs.
         most: maximum number of prefixes kept, the last used ones; 0 to make every run from the start.
     """
@@ -258,7 +247,9 @@ class Runs:
         if len(experiment.faults) > 1 and any(FAULT_KINDS[fault.kind].mechanism == "drive" for fault in base.faults):
             # which of several faults an idle shaft stands for is unknown
             return None
-        key = _prefix_key(base)
+        noisy = base.plant.motor_noise > 0.0 or base.plant.joint_noise > 0.0
+        # without settings that do not change its run
+        key = replace(base, name="", title="", seed=base.seed if noisy else 0, measures=(), values={}, origins={})
         past = next((one for one in self._pasts if one.key == key), None) or _PrefixEntry(key)
         self._pasts = [one for one in self._pasts if one is not past] + [past]
         while len(self._pasts) > self._most:
@@ -268,12 +259,6 @@ class Runs:
             past.watch = _Watch(self.request, base)
             past.shared = SharedPrefix(base, past.watch.observers)
         return past
-
-
-def _prefix_key(base: Experiment) -> Experiment:
-    """Return the experiment without settings that do not change its run, as a cache key."""
-    noisy = base.plant.motor_noise > 0.0 or base.plant.joint_noise > 0.0
-    return replace(base, name="", title="", seed=base.seed if noisy else 0, measures=(), values={}, origins={})
 
 
 def _free(past: _PrefixEntry) -> None:

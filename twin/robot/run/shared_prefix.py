@@ -31,9 +31,6 @@ from twin.robot.run.trace import Trace
 
 MAX_STATES = 64
 """Maximum number of states kept in memory, some kilobytes each, evenly spaced so that any tick is near one."""
-SHARING_DISABLED = "sharing is switched off"
-
-
 IDLE_FAULT_KINDS = {"body": "surface_jump", "drive": "drive_runaway"}
 """Idle stand-in by fault mechanism, for faults whose components are present before they act."""
 
@@ -55,29 +52,17 @@ def prefix_experiment(experiment: Experiment) -> Experiment:
 
 
 class SharedPrefix:
-    """The simulated beginning that several variants of a run share, and their runs; a context manager.
+    """The simulated beginning that several variants of a run share, and their runs; `close` it at the end.
 
-    Args:
-        experiment: experiment of the prefix; its faults never act, see `prefix_experiment`.
-        share: False to make every run from the start, for comparison.
-
-    Attributes:
-        lacking: reason why runs begin at the start; "" if they share the prefix.
+    Faults of its experiment never act, see `prefix_experiment`. `lacking` is the reason why runs begin at the start; ""
+    if they share the prefix.
     """
 
-    def __init__(self, experiment: Experiment, observers: Sequence[Observer] = (), share: bool = True):
+    def __init__(self, experiment: Experiment, observers: Sequence[Observer] = ()):
         self.experiment = experiment
-        self.lacking = "" if share else SHARING_DISABLED
         self._assembly: Assembly | None = None
         self._states: list[SystemState] = []
-        if share:
-            self._make(observers)
-
-    def __enter__(self) -> "SharedPrefix":
-        return self
-
-    def __exit__(self, *failure: object) -> None:
-        self.close()
+        self._make(observers)
 
     def close(self) -> None:
         """Free the shared states and components; safe to call twice."""
@@ -91,12 +76,8 @@ class SharedPrefix:
     def run_variant(self, experiment: Experiment, tick: int, observers: Sequence[Observer]) -> SimulationResult:
         """Run a variant that equals the shared prefix before `tick`, from the last saved state before it.
 
-        Args:
-            experiment: differs from the prefix in faults, scheduled changes and duration only.
-            tick: first tick that may differ.
-
-        Returns:
-            The simulation. Its component memory is valid until the next run.
+        The variant differs from the prefix in faults, scheduled changes and duration only. The simulation's component
+        memory is valid until the next run.
         """
         if not self.lacking and self._assembly is None:
             self._make()
@@ -174,15 +155,10 @@ def simulate_variants(
     watch: Callable[[System], Sequence[Observer]] = lambda system: (),
     slice_ticks: int = MAX_SLICE,
 ) -> list[tuple[SimulationResult, Trace]]:
-    """Run a system several times, changed at tick `at` by a different function of `ways` each time.
+    """Run a system several times, changed at the beginning of tick `at` by a different function of `ways` each time.
 
-    Args:
-        last: tick of the last row.
-        ways: functions that change the system at the beginning of tick `at`.
-        watch: returns further observers of a system's run.
-
-    Returns:
-        Per way the simulation and its trace; shorter on failure or if an observer stopped it.
+    Return the simulation and its trace per way, up to tick `last`; shorter on failure or if an observer stopped it.
+    `watch` returns further observers of a system's run.
     """
     found = []
     for way in ways:

@@ -22,10 +22,8 @@ from twin.robot.experiment.experiment import Experiment
 def streams_of(system: System, shortest: int = 1) -> list[RowStream]:
     """Return one recorded stream of signals per component of a system, in component order.
 
-    `drive_1` becomes the topic drive/1, `fault_1` fault/1; other components keep their names.
-
-    Args:
-        shortest: minimum number of ticks between messages.
+    `drive_1` becomes the topic drive/1, `fault_1` fault/1; other components keep their names. Messages are `shortest`
+    ticks apart, or more.
     """
     streams = []
     for c, component in enumerate(system.components):
@@ -49,16 +47,12 @@ class _StoredSignal(NamedTuple):
 
 
 class Trace(Observer):
-    """Observer that keeps a run's signals in memory, read like a recording: `trace["plant.F_ee_B"]`.
+    """Observer that keeps a run's signals in memory, read like a recording: `trace["plant.F_ee_B"]`; `tick` in s.
 
     Args:
         every: row interval: every `every`-th tick is kept, from tick 0.
         only: signals to keep, each `topic.field`; empty for all.
         past: trace of the same signals before the first tick of the simulation; None if it begins at tick 0.
-
-    Attributes:
-        metadata: metadata as of a recording; always empty.
-        tick: duration of a tick (s).
     """
 
     def __init__(self, every: int = 1, only: Collection[str] = (), past: "Trace | None" = None):

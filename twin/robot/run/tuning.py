@@ -19,10 +19,7 @@ from twin.robot.run.fault_starts import FaultStarts
 class Tuning(Observer):
     """Observer of the parameters of one run that can be changed by hand while it is stepped.
 
-    `values`, `request` and `close` may be called from any thread.
-
-    Args:
-        starts: faults that can be started by hand; None for none.
+    `values`, `request` and `close` may be called from any thread. `starts` are the faults that can be started by hand.
 
     Attributes:
         first: event text of the first change by hand; "" without one.
@@ -107,7 +104,7 @@ class Tuning(Observer):
         self._changes.append(TickEvent(tick, "INFO", change, "tuning"))
 
     def close(self) -> None:
-        """Refuse all later requests for parameter changes, because the run is over."""
+        """Refuse all later requests."""
         with self._lock:
             self._open = False
 

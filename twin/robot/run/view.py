@@ -31,12 +31,7 @@ class RunView(Protocol):
 
 
 class LogView:
-    """Adapter that reads a log as a run.
-
-    Args:
-        series: values by `topic.field`, (n,) or (n, size).
-        times: times of each topic (s), (n,).
-    """
+    """Adapter that reads a log as a run: values by `topic.field`, (n,) or (n, size), and times (s) by topic, (n,)."""
 
     def __init__(self, series: Mapping[str, NDArray], times: Mapping[str, NDArray[np.float64]]):
         self.metadata: Mapping[str, Mapping[str, str]] = {}
@@ -120,11 +115,7 @@ class _Rows:
 
 
 def outcome_of(run: RunView, request: HoldRequest) -> RunOutcome | None:
-    """Compute the summary numbers of a recorded run; None if it has no true force.
-
-    Args:
-        request: force references of its experiment; `every` is ignored.
-    """
+    """Compute the summary numbers of a recorded run; None if it has no true force. The request's `every` is ignored."""
     if "plant.F_ee_B" not in run.fields() or not len(run.time("plant")):
         return None
     rows = _Rows(run)

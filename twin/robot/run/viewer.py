@@ -36,33 +36,23 @@ class Viewer(Protocol):
         """
 
     def show(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
-        """Show the rows of the latest slice of the run to the live viewer.
+        """Show the latest slice of the run to the live viewer: rows (n, width) from tick `first` on.
 
-        Args:
-            first: tick of the first row.
-            rows: system outputs, (n, width), overwritten by the next slice.
+        The next slice overwrites the rows.
         """
 
 
 class RemoteSide(Protocol):
-    """Interface of the remote side of a served run.
-
-    Attributes:
-        link: link to the remote controller.
-        topics: topics that it records.
-        metadata: facts about it for the recording.
-    """
+    """Interface of the remote side of a served run: a link to the remote controller, recorded topics and metadata."""
 
     link: "RemoteLink"
     topics: Sequence[Topic]
     metadata: Mapping[str, str]
 
     def observers(self, recorder: Recorder, deadlines: Deadlines | None) -> Sequence[Observer]:
-        """Create the observers of a served run; the run calls them before its own.
+        """Create the observers of a served run, which the run calls before its own, with its recorder of `topics`.
 
-        Args:
-            recorder: recorder of the run, with `topics`.
-            deadlines: deadlines of the ticks; None in lockstep.
+        `deadlines` is None in lockstep.
         """
 
 
@@ -84,8 +74,7 @@ class Punctuality:
     """Statistics on how punctually a run in real time met its deadlines.
 
     Attributes:
-        factor: requested simulated time per wall time.
-        achieved: achieved simulated time per wall time.
+        factor, achieved: requested and achieved simulated time per wall time.
         worst: longest delay of a missed deadline (s).
         jitter, jitter_99: standard deviation and 99th percentile of the wake-up delay after a deadline (s).
     """
@@ -108,16 +97,9 @@ class Punctuality:
 
 
 class Pace(Observer):
-    """Observer that paces a simulation at `factor` times real time.
+    """Observer that paces a simulation at `factor` times real time, > 0.
 
-    Args:
-        factor: simulated time per wall time, > 0.
-        tick: duration of a tick (s).
-        slice_time: wall time of a slice (s).
-
-    Attributes:
-        tick_time: wall time of a tick (s).
-        deadlines: deadlines of the ticks.
+    The simulated `tick`, and the wall times `tick_time` and `slice_time` of a tick and of a slice, are in s.
     """
 
     def __init__(self, factor: float, tick: float, slice_time: float = SLICE_TIME):

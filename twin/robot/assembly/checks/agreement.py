@@ -17,9 +17,7 @@ from twin.robot.mechanism.geometry import geometry_of
 def disagreements(tables: Tables, reference: WayPoints | None, named: Collection[str]) -> list[str]:
     """Return an error message for each conflict between tables of an experiment that are valid by themselves.
 
-    Args:
-        reference: its waypoints; None if they are invalid.
-        named: names of all tables in the file, valid or not.
+    `reference` is None if its waypoints are invalid; `named` are the names of all tables in the file, valid or not.
     """
     checked = tables.by_name
     other = tables.stand_ins

@@ -3,8 +3,9 @@
 import math
 
 from twin.kernel.errors import InputRefused
+from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.unreachable import Unreachable
-from twin.robot.monitor.component import MonitorBelief, Resolution, geometry_of_belief, press_deflection, resolution
+from twin.robot.monitor.component import MonitorBelief, Resolution, press_deflection, resolution
 from twin.robot.monitor.component import low_pass_share as monitor_share
 from twin.robot.monitor.limits import Monitor
 from twin.robot.monitor.safe_action import retreat
@@ -20,10 +21,7 @@ SAFETY_LIMITS = ("force_limit", "penetration_limit", "speed_limit")
 def contradictions(monitor: Monitor, belief: MonitorBelief, sample_period: float, speed_limit: float) -> list[str]:
     """Return an error message for each contradiction of the limits of [monitor]; empty if it is disabled.
 
-    Args:
-        belief: the monitor's model of the robot.
-        sample_period: period of encoder messages and commands (s).
-        speed_limit: limit of the controller's commands (rad/s).
+    `sample_period` of encoder messages and commands in s, `speed_limit` of the controller's commands in rad/s.
     """
     if not monitor.enabled:
         return []
@@ -153,7 +151,7 @@ def _retraction_contradictions(monitor: Monitor, belief: MonitorBelief) -> list[
             y = monitor.workspace_radius * math.sin(math.radians(angle))
             where = f"from ({1e3 * x:.0f}, {1e3 * y:.0f}, {1e3 * z:.0f}) mm"
             try:
-                rises = retreat(geometry_of_belief(belief), belief.N, (x, y, z), monitor.retract).slowest > 0.0
+                rises = retreat(geometry_of(belief), belief.N, (x, y, z), monitor.retract).slowest > 0.0
             except Unreachable as problem:
                 return [f"[monitor] the workspace or the retraction leaves the robot's reach {where}: {problem}"]
             if not rises:

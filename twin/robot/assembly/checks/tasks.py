@@ -34,7 +34,6 @@ class TaskContext:
         plant: true robot and surface.
         robot: table [plant].
         geometries: true geometry, and the controller's.
-        approach, controller: their tables.
         monitor: its table; None if it is disabled.
     """
 
