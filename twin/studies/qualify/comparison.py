@@ -186,7 +186,7 @@ class ComparedDrive:
         """Measures of the paired runs; empty if one of them failed or tripped."""
         return [] if any(one.reason for one in self.paired) else [one.measures for one in self.paired]
 
-    def why_unjudged(self, experiment: str) -> str:
+    def exclusion_reason(self, experiment: str) -> str:
         """Return what a paired run did that rules out a judgement in the experiment; "" if all completed."""
         for seed, one in zip(PAIRED_SEEDS, self.paired, strict=False):
             did, why = ("fails", "") if one.failure else ("trips the safety monitor", f" ({one.reason})")
@@ -253,7 +253,7 @@ def verdict(compared: Sequence[DriveTrials]) -> list[str]:
     verdicts = [
         standing_sentence(name, first, overall_ranks(ranks), values.get(name)) for name, ranks in by_drive.items()
     ]
-    unjudged = {f"{t.name} {why}" for one in compared for t in one.trials if (why := t.why_unjudged(one.name))}
+    unjudged = {f"{t.name} {why}" for one in compared for t in one.trials if (why := t.exclusion_reason(one.name))}
     failed = {
         f"{t.name} failed in {one.name}, and is not judged there" for one in compared for t in one.trials if t.failure
     }
