@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from twin.studies.sweep.measures import METRICS, RunFinding
+from twin.studies.sweep.measures import METRICS, run_fields
 from twin.studies.sweep.plan import SweepFile, Vary
 
 
@@ -23,6 +23,6 @@ def test_every_key_of_a_sweep_file_is_documented_and_no_other(root: Path):
 
 def test_every_part_of_a_row_and_every_metric_is_documented(root: Path):
     page = (root / "docs/sweep_reference.md").read_text().split("## A row")[1]
-    found = RunFinding("done", "", {}, 0.0, 0.0, {"claims": {}, "curves": {}}, "no force loop").row_fields
+    found = run_fields("done", "", {}, 0.0, 0.0, claims={}, curves={}, no_hold="no force loop")
     assert {*found, "run", "key", "drive", "parameters", "within_limits"} == named(page, "| | |")
     assert all(f"`{metric}`" in page for metric in METRICS)

@@ -46,7 +46,7 @@ def findings(folder: Path, tried: Sequence[TriedFault], base: dict[str, Any]) ->
     for wrong in tried:
         file = folder / "tried.toml"
         file.write_text(space.file(wrong, EXPERIMENTS / "pressing.toml"))
-        facts = judge_run(file, None, (str(file),)).row_fields
+        facts = judge_run(file, None, (str(file),))
         found.append({key: value for key, value in facts.items() if key not in ("seconds", "stepping_s")})
     return found
 

@@ -46,7 +46,7 @@ def test_another_seed_is_another_run_of_a_noisy_robot_and_the_same_one_the_same(
     noisy = {"plant": {"joint_noise_deg": 0.02}}
     files = [written(tmp_path, space(noisy), TriedFault("breathing", "contact", 1.0, 2000, seed=s)) for s in (1, 2)]
     one, other, again = (
-        judge_run(PRESSING, None, [str(file)]).metrics["quiet.distance"] for file in (*files, files[0])
+        judge_run(PRESSING, None, [str(file)])["metrics"]["quiet.distance"] for file in (*files, files[0])
     )
     assert one == again != other
 

@@ -69,7 +69,7 @@ def test_a_found_experiment_runs_and_violates_by_the_same_distance(answer: Resul
             assert not (folder / f"{one['kind']}.toml").exists()
             continue
         again = trial(folder / f"{one['kind']}.toml", None, ())
-        assert again.metrics["requirement_1.distance"] == one["distances"]["requirement_1"] < 0.0
+        assert again["metrics"]["requirement_1.distance"] == one["distances"]["requirement_1"] < 0.0
 
 
 def test_the_text_fits_80_columns_and_says_the_verdict_first(answer: Result):
@@ -157,7 +157,7 @@ def test_of_poses_only_those_count_where_the_healthy_robot_keeps_what_is_require
     (found,) = answer.facts["found"]
     assert found["share"] < 0.0 and answer.exit_code == 1
     again = trial(tmp_path / "surface_jump.toml", None, ())
-    assert again.metrics["requirement_1.distance"] == found["distances"]["requirement_1"]
+    assert again["metrics"]["requirement_1.distance"] == found["distances"]["requirement_1"]
     # on the flank the healthy robot pushes sideways, too
     sideways = ["always (|plant.F_ee_B[0]| <= 0.5 N)", "always (|plant.F_ee_B[1]| <= 0.5 N)"]
     flank = asked(tmp_path, requirements=sideways, kinds=["breathing"], settings=dome, reach=30.0, runs=24)
@@ -178,4 +178,4 @@ def test_the_second_fault_of_a_found_experiment_begins_after_the_trip_of_the_fir
     # messages are off their time by 10 ms
     assert second.onset - first.onset == pytest.approx(1e3 * found["after_trip_s"] + 10, abs=4)
     again = judge_run(EXPERIMENTS / "pressing.toml", None, [str(tmp_path / f"{kind}.toml")])
-    assert again.metrics["requirement_1.distance"] == found["distances"]["requirement_1"] < 0.0
+    assert again["metrics"]["requirement_1.distance"] == found["distances"]["requirement_1"] < 0.0

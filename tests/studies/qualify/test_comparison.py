@@ -18,7 +18,7 @@ from twin.robot.run.measures import ROWS_BY_KEY
 from twin.robot.run.trace import run_in_memory
 from twin.studies.qualify.comparison import (
     COMPARED_MEASURES,
-    DriveTrial,
+    ComparedDrive,
     DriveTrials,
     TrueRun,
     comparison_facts,
@@ -34,16 +34,16 @@ PRESSING = ROOT / "experiments/pressing.toml"
 
 
 @pytest.fixture(scope="module")
-def fig4() -> tuple[DriveTrial, ...]:
+def fig4() -> tuple[ComparedDrive, ...]:
     (done,) = trials([FIG4], ["velocity_servo", "pmsm_foc", "brushed_dc"])
     return done.trials
 
 
-def values(trial: DriveTrial) -> dict[str, float | None]:
+def values(trial: ComparedDrive) -> dict[str, float | None]:
     return {measure.name: measure.value for measure in trial.measures}
 
 
-def test_the_robot_behaves_as_the_reference_computation_of_fig4(fig4: tuple[DriveTrial, ...]):
+def test_the_robot_behaves_as_the_reference_computation_of_fig4(fig4: tuple[ComparedDrive, ...]):
     servo = values(fig4[0])
     # triggered at 5.61 s, the true force settles at 6.46 s, each to 0.01 s
     assert servo["settling_time"] == pytest.approx(0.85, abs=0.02)
@@ -53,7 +53,7 @@ def test_the_robot_behaves_as_the_reference_computation_of_fig4(fig4: tuple[Driv
     assert servo["rms_z_error"] == pytest.approx(0.07e-3, rel=0.1)
 
 
-def test_what_a_drive_does_not_tell_is_a_gap_with_a_reason(fig4: tuple[DriveTrial, ...]):
+def test_what_a_drive_does_not_tell_is_a_gap_with_a_reason(fig4: tuple[ComparedDrive, ...]):
     servo, machine, brushed = map(values, fig4)
     assert servo["peak_current"] is None and machine["energy"] is None
     assert machine["peak_current"] is not None and 0.0 < machine["peak_current"] < 5.7
@@ -62,18 +62,18 @@ def test_what_a_drive_does_not_tell_is_a_gap_with_a_reason(fig4: tuple[DriveTria
     assert brushed["energy"] > brushed["shaft_work"] > 0.0
 
 
-def test_the_table_fits_80_columns_with_one_line_per_drive(fig4: tuple[DriveTrial, ...]):
+def test_the_table_fits_80_columns_with_one_line_per_drive(fig4: tuple[ComparedDrive, ...]):
     lines = lay_out(compare_blocks(DriveTrials("fig4", fig4))).splitlines()
     assert max(map(len, lines)) <= 80
     assert [line.split()[0] for line in lines[2:5]] == ["velocity_servo", "pmsm_foc", "brushed_dc"]
     head = " ".join(lines[0].split())
     assert head == "hold over settle lateral z peak I work energy cost"
     # the numbers of the table of measures, not those of 1.0
-    servo = fig4[0].values
+    servo = fig4[0].done.measures
     assert lines[2].split()[1:4] == ["0.0939", "0", f"{servo['hold_settling_time'].value:.3g}"]
 
 
-def test_the_verdict_names_every_measure_that_both_have_and_not_what_the_model_costs(fig4: tuple[DriveTrial, ...]):
+def test_the_verdict_names_every_measure_that_both_have_and_not_what_the_model_costs(fig4: tuple[ComparedDrive, ...]):
     (said, other) = verdict([DriveTrials("fig4", fig4)])
     assert said.startswith("pmsm_foc beside velocity_servo: ") and other.startswith(
         "brushed_dc beside velocity_servo: "
@@ -82,7 +82,7 @@ def test_the_verdict_names_every_measure_that_both_have_and_not_what_the_model_c
     assert not any(name in said for name in ("current", "energy", "cost"))
 
 
-def test_the_verdict_has_the_interval_of_a_difference_in_one_experiment(fig4: tuple[DriveTrial, ...]):
+def test_the_verdict_has_the_interval_of_a_difference_in_one_experiment(fig4: tuple[ComparedDrive, ...]):
     one = DriveTrials("fig4", fig4)
     (overshoot,) = (d for d in one.differences()["pmsm_foc"] if d.measure.key == "hold_overshoot")
     assert overshoot.rank == 1 and f"overshoot ({overshoot.text})" in verdict([one])[0]
@@ -141,7 +141,7 @@ def test_a_drive_that_trips_in_a_paired_run_is_not_judged(monkeypatch: pytest.Mo
     assert said in verdict([done])
 
 
-def test_facts_name_every_measure_of_every_drive(fig4: tuple[DriveTrial, ...]):
+def test_facts_name_every_measure_of_every_drive(fig4: tuple[ComparedDrive, ...]):
     facts = comparison_facts(DriveTrials("fig4", fig4))
     assert [drive["drive"] for drive in facts["drives"]] == ["velocity_servo", "pmsm_foc", "brushed_dc"]
     assert all(list(drive["measures"]) == list(COMPARED_MEASURES) for drive in facts["drives"])
@@ -213,11 +213,11 @@ def test_the_numbers_of_1_0_go_on_after_a_trip_and_the_measures_of_the_run_do_no
     assert 0 < end < len(power)
     for rows, work, largest in (
         (slice(None), values(foc)["shaft_work"], values(foc)["peak_current"]),
-        (slice(end), foc.values["shaft_work"].value, foc.values["current"].value),
+        (slice(end), foc.done.measures["shaft_work"].value, foc.done.measures["current"].value),
     ):
         assert work == pytest.approx(1e-3 * np.sum(power[rows][:-1].clip(min=0.0)), rel=1e-12)
         assert largest == current[rows].max()
-    assert values(foc)["shaft_work"] != foc.values["shaft_work"].value
+    assert values(foc)["shaft_work"] != foc.done.measures["shaft_work"].value
 
 
 def test_without_force_control_the_height_is_what_settles_and_overshoots():

@@ -35,7 +35,7 @@ def lacking() -> str:
 
 def found(settings: list[list[str]], drive: str | None = None) -> list[tuple[str, str, str]]:
     trials = [worker.trial(PRESSING, drive, one) for one in settings]
-    return [(trial.status, trial.reason, repr(trial.metrics)) for trial in trials]
+    return [(trial["status"], trial["reason"], repr(trial["metrics"])) for trial in trials]
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ def rows(root: Path) -> list[Row]:
     path = root / "experiments/fig4_force_position.toml"
     findings = {k: trial(path, None, [f"robot.k_s_Nm_per_rad={k}"]) for k in SPRINGS}
     return [
-        row(n, {"robot.k_s": k}, None, "done", **one.metrics) for n, (k, one) in enumerate(findings.items(), start=1)
+        row(n, {"robot.k_s": k}, None, "done", **one["metrics"]) for n, (k, one) in enumerate(findings.items(), start=1)
     ]
 
 
@@ -102,4 +102,4 @@ def test_margins_are_computed_once_at_the_end_and_kept_beside_the_rows(root: Pat
 )
 def test_a_run_without_margins_has_the_reason(root: Path, settings: list[str], reason: str):
     found = margins_of(root / "experiments/fig4_force_position.toml", None, settings)
-    assert found.status == "failed" and reason in found.reason and "\n" not in found.reason
+    assert found["status"] == "failed" and reason in found["reason"] and "\n" not in found["reason"]

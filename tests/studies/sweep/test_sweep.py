@@ -28,7 +28,7 @@ from twin.kernel.process.warm import WarmProcess
 from twin.studies.sweep import WORKER_JOB
 from twin.studies.sweep.engine import Job, LocalEngine, Result, run_facts
 from twin.studies.sweep.interrupts import MAX_PRESSES, defer_interrupts, raise_interrupt
-from twin.studies.sweep.measures import RunFinding
+from twin.studies.sweep.measures import run_fields
 from twin.studies.sweep.plan import SweepPlan, Task, read_plan
 from twin.studies.sweep.rows import ROWS_FILE, DiskError, read_rows
 from twin.studies.sweep.stored import SWEEP_FILE, stored_sweep
@@ -64,9 +64,9 @@ class Pretender:
 
 def facts(task: Task) -> dict:
     if task.run % 5 == 0:
-        return RunFinding("failed", "because", {}, float("nan"), float("nan")).row_fields
+        return run_fields("failed", "because", {}, float("nan"), float("nan"))
     stiffness = float(task.parameters[STIFFNESS])
-    return RunFinding("done", "", {"force_error_N": stiffness, "peak_N": 1.0 / stiffness}, 0.1, 0.05).row_fields
+    return run_fields("done", "", {"force_error_N": stiffness, "peak_N": 1.0 / stiffness}, 0.1, 0.05)
 
 
 @pytest.fixture(scope="module")
@@ -182,7 +182,7 @@ def test_the_state_counts_runs_failures_and_the_best_so_far(plan: SweepPlan, tmp
 def test_of_runs_that_are_equally_good_the_first_is_the_best_whatever_came_first(
     plan: SweepPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    equal = RunFinding("done", "", {"force_error_N": 1.0}, 0.1, 0.05).row_fields
+    equal = run_fields("done", "", {"force_error_N": 1.0}, 0.1, 0.05)
     monkeypatch.setitem(globals(), "facts", lambda task: equal)
     states: list[SweepState] = []
     run_sweep(plan, tmp_path, Pretender(range(RUNS)[::-1], 5), show=states.append)

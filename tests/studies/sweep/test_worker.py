@@ -32,10 +32,10 @@ def test_metrics_equal_those_of_a_recorded_run(root: Path, tmp_path: Path, drive
     path = root / "experiments/fig4_force_position.toml"
     run = execute(load_experiment(path, SETTINGS, drive), tmp_path)
     finding = trial(path, drive, SETTINGS)
-    assert (finding.status, finding.reason) == ("done", "")
-    assert finding.metrics == metrics_of(run.outcome)
-    assert list(finding.metrics) == list(METRICS) and finding.metrics["force_error_N"]
-    assert 0.0 < finding.stepping < finding.seconds
+    assert (finding["status"], finding["reason"]) == ("done", "")
+    assert finding["metrics"] == metrics_of(run.outcome)
+    assert list(finding["metrics"]) == list(METRICS) and finding["metrics"]["force_error_N"]
+    assert 0.0 < finding["stepping_s"] < finding["seconds"]
 
 
 @pytest.mark.parametrize("name", ["step_z_air", "step_force_scale", "track_circle", "track_chirp"])
@@ -43,7 +43,7 @@ def test_measures_are_what_twin_check_measures(root: Path, name: str):
     path = root / f"experiments/{name}.toml"
     experiment = load_experiment(path)
     found = {metric: m.value for metric, m in measure_signals(experiment, run_for_measures(experiment)).metrics.items()}
-    mine = trial(path, None, ()).metrics
+    mine = trial(path, None, ())["metrics"]
     assert found and found.items() <= mine.items()
     assert mine.keys() == {*METRICS, *found} <= set(metric_names(experiment.measures))
 
@@ -60,7 +60,7 @@ def test_every_metric_that_is_announced_for_a_kind_of_measure_is_made(root: Path
     for name, settings in [*shipped, ("step_z_air", ["duration_s=0.02", f"measure=[{REQUIRED}, {SWING}]"])]:
         path = root / f"experiments/{name}.toml"
         kinds = {measure.name: measure.kind for measure in load_experiment(path, settings).measures}
-        for metric in trial(path, None, settings).metrics:
+        for metric in trial(path, None, settings)["metrics"]:
             if "." in metric:
                 measure, _, number = metric.partition(".")
                 made.setdefault(kinds[measure], set()).add(number)
@@ -73,27 +73,27 @@ def test_a_measure_without_meaning_in_a_run_leaves_its_numbers_out_and_the_other
     kinds = {m.name: m.kind for m in load_experiment(path).measures}
     begin = [f"measure.{n}.{key}" for n in range(1, len(kinds) + 1) for key in ("begin_s=0.5", "until_s=2")]
     finding = trial(path, None, ["duration_s=2", *begin])
-    assert finding.status == "done"
-    assert "onset" not in {kinds[name.partition(".")[0]] for name in finding.metrics if "." in name}
-    assert "effort" in {kinds[name.partition(".")[0]] for name in finding.metrics if "." in name}
+    assert finding["status"] == "done"
+    assert "onset" not in {kinds[name.partition(".")[0]] for name in finding["metrics"] if "." in name}
+    assert "effort" in {kinds[name.partition(".")[0]] for name in finding["metrics"] if "." in name}
 
 
 def test_values_that_make_no_experiment_are_a_finding(root: Path):
     finding = trial(root / "experiments/fig4_force_position.toml", None, [f"{STIFFNESS}=-1"])
-    assert finding.status == "refused" and "stiffness_N_per_m" in finding.reason
-    assert finding.row_fields["metrics"] == {}
+    assert finding["status"] == "refused" and "stiffness_N_per_m" in finding["reason"]
+    assert finding["metrics"] == {}
 
 
 def test_a_signal_that_is_not_there_is_a_finding_before_a_step_is_made(root: Path):
     finding = trial(root / "experiments/step_z_air.toml", None, ['measure.1.signal="plant.p_A[2]"'])
-    assert finding.status == "refused" and "did you mean 'plant.p_B'?" in finding.reason
-    assert finding.stepping == 0.0
+    assert finding["status"] == "refused" and "did you mean 'plant.p_B'?" in finding["reason"]
+    assert finding["stepping_s"] == 0.0
 
 
 def test_a_trip_of_the_monitor_is_a_status_with_its_reason_and_metrics(root: Path):
     jump = ["contact.shift.by_mm=[0, 0, 8]", "contact.shift.start_s=3", "contact.shift.rise_s=0.05"]
     finding = trial(root / "experiments/pressing.toml", None, jump)
-    assert finding.status == "tripped" and finding.reason and finding.metrics["peak_N"]
+    assert finding["status"] == "tripped" and finding["reason"] and finding["metrics"]["peak_N"]
 
 
 def test_a_recording_is_that_of_twin_run(root: Path, tmp_path: Path):
@@ -129,7 +129,7 @@ def test_the_same_curve_is_kept_in_the_same_bytes():
 
 @pytest.fixture(scope="module")
 def facts(root: Path) -> dict:
-    return trial(root / "experiments/fig4_force_position.toml", None, [], "fig4").row_fields
+    return trial(root / "experiments/fig4_force_position.toml", None, [], "fig4")
 
 
 def test_claims_measure_and_judge_as_on_recordings(facts: dict, force_position: Recording, position: Recording):
@@ -147,7 +147,7 @@ def test_claims_measure_and_judge_as_on_recordings(facts: dict, force_position: 
 
 def test_a_drawn_plant_that_is_not_symmetrical_is_judged_in_x(root: Path):
     settings = ["plant.joint_zero_deg.2=0.05", "contact.tilt_deg=1"]
-    found = trial(root / "experiments/fig4_force_position.toml", None, settings, "fig4").row_fields["claims"]
+    found = trial(root / "experiments/fig4_force_position.toml", None, settings, "fig4")["claims"]
     assert {found[key]["verdict"] for key in ("x_small", "friction_smaller_x")} <= {"holds", "fails"}
 
 
@@ -165,7 +165,7 @@ def test_curves_are_those_of_the_recordings(facts: dict, force_position: Recordi
 
 
 def test_a_sweep_without_claims_keeps_neither_claims_nor_curves(root: Path):
-    found = trial(root / "experiments/fig4_force_position.toml", None, ["duration_s=0.02"]).row_fields
+    found = trial(root / "experiments/fig4_force_position.toml", None, ["duration_s=0.02"])
     assert not found.keys() & {"claims", "curves"}
 
 

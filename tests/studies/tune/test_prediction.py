@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.conftest import examples
-from tests.studies.tune.corners import fig4_corners
+from tests.studies.tune.corners import fig4_corners, predicted
 from twin.kernel.errors import InputRefused
 from twin.studies.analyse.linear.loops import closed_loops, closed_poles
 from twin.studies.analyse.linear.margins import margins
@@ -90,7 +90,7 @@ def test_sensitivity_and_bandwidth_are_those_that_twin_analyse_tells(i):
     # both search on a grid, 2 % and 1 % apart
     assert predict(corner, FAST).sensitivity == pytest.approx(max(m.sensitivity for m in found.values()), rel=0.02)
     if corner.point.force_on:
-        bandwidth = predict(corner, FAST).answers["force"].bandwidth
+        bandwidth = predicted(corner, FAST).bandwidth
         assert bandwidth == pytest.approx(found["force"].bandwidth, rel=0.05)
 
 

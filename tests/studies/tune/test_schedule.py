@@ -65,13 +65,13 @@ def test_on_each_point_the_gains_are_faster_than_one_set_and_the_force_is_held_b
 @pytest.mark.endurance
 def test_a_schedule_that_is_worse_somewhere_is_told(over_two: GainSchedule):
     point = over_two.points[0]
-    fixed, followed = point.wholes[0]
-    assert fixed.outcome and fixed.outcome.force_error and followed.outcome
+    where, fixed, followed = point.wholes[0]
+    assert fixed.numbers and fixed.numbers.force_error and followed.numbers
     fixed_hold = fixed.measures["hold_error"].value or 0.0
-    slower = replace(followed.outcome, force_error=1.1 * MAX_ERROR_RATIO * fixed.outcome.force_error)
-    looser = replace(followed.outcome, measures={**followed.measures, "hold_error": MeasuredValue(fixed_hold + 0.06)})
-    for outcome, sentence in ((slower, "error since the first touch is 116 % of that"), (looser, "hold error")):
-        points = [replace(point, wholes=[(fixed, replace(followed, outcome=outcome))]), *over_two.points[1:]]
+    slower = replace(followed.numbers, force_error=1.1 * MAX_ERROR_RATIO * fixed.numbers.force_error)
+    looser = replace(followed.numbers, measures={**followed.measures, "hold_error": MeasuredValue(fixed_hold + 0.06)})
+    for numbers, sentence in ((slower, "error since the first touch is 116 % of that"), (looser, "hold error")):
+        points = [replace(point, wholes=[(where, fixed, replace(followed, numbers=numbers))]), *over_two.points[1:]]
         told = replace(over_two, points=points)
         (doubt,) = told.contradictions
         assert doubt.startswith("touch-down on 600 N/m with velocity_servo") and sentence in doubt

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -12,11 +13,12 @@ from tests.laws.runs import EXPERIMENTS, FORCE, co_simulated, shipped
 from tests.studies.tune.corners import fig4_corners
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.measures import ROWS_BY_KEY, MeasuredValue, RunOutcome, missing_measures
+from twin.robot.run.runs import Outcome
 from twin.studies.command import ignore_progress
 from twin.studies.tune import tuned as search
 from twin.studies.tune.prediction import Goals, LawGains
 from twin.studies.tune.study import tune
-from twin.studies.tune.touchdown import WholeRun, price, shortfalls, whole_runs
+from twin.studies.tune.touchdown import Surface, price, shortfalls, whole_runs
 
 FIG4 = LawGains(1.5, 2e-3, 0.5e-3)
 TOO_FAST = LawGains(6.3, 1.3e-3, 3.45e-3)
@@ -26,44 +28,47 @@ TOY = LawGains(0.4, 12.8e-3, 1.5e-3)
 GRACE = 2.0
 
 
-def whole(
-    over: float | None, settling: float | None, hold: float | None, stiffness: float | None = None, trip: str = ""
-) -> WholeRun:
+def ended(status: Literal["done", "tripped", "failed"], reason: str, numbers: RunOutcome | None) -> Outcome:
+    return Outcome(status, reason, None, numbers, None, None, True, "", None, 0.0)
+
+
+def whole(over: float | None, settling: float | None, hold: float | None, trip: str = "") -> Outcome:
     values = {"hold_overshoot": over, "hold_settling_time": settling, "hold_error": hold}
     measures = missing_measures("none here") | {
         key: MeasuredValue(value, "" if value is not None else ROWS_BY_KEY[key].missing)
         for key, value in values.items()
     }
-    return WholeRun("drive", RunOutcome(0, 0, 0, 0, 0, None, None, None, None, measures), trip, stiffness)
+    return ended("tripped" if trip else "done", trip, RunOutcome(0, 0, 0, 0, 0, None, None, None, None, measures))
 
 
 BEFORE = whole(0.0, 0.85, 0.094)
+ITSELF, SOFT, STIFF = (Surface("drive", stiffness) for stiffness in (None, 300.0, 5e3))
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "sentence"),
+    ("where", "before", "after", "sentence"),
     [
-        (BEFORE, whole(0.049, 0.3, 0.14), ""),
-        (BEFORE, whole(0.094, 1.0, 0.113), "overshoots by 9.4 % (0.0 % before)"),
-        (BEFORE, whole(0.0, None, 0.094), "never settles within 5 %"),
+        (ITSELF, BEFORE, whole(0.049, 0.3, 0.14), ""),
+        (ITSELF, BEFORE, whole(0.094, 1.0, 0.113), "overshoots by 9.4 % (0.0 % before)"),
+        (ITSELF, BEFORE, whole(0.0, None, 0.094), "never settles within 5 %"),
         # 0.05 N is a step of the scale
-        (BEFORE, whole(0.0, 0.85, 0.145), "hold error 0.145 N (0.094 N before)"),
-        (BEFORE, whole(None, None, None, 300.0), "hold error none (0.094 N before)"),
-        (BEFORE, whole(0.0, 0.85, 0.094, trip="too fast"), "the safety monitor trips in the experiment itself"),
-        (BEFORE, WholeRun("drive", None, ""), "the experiment itself with drive fails"),
+        (ITSELF, BEFORE, whole(0.0, 0.85, 0.145), "hold error 0.145 N (0.094 N before)"),
+        (SOFT, BEFORE, whole(None, None, None), "hold error none (0.094 N before)"),
+        (ITSELF, BEFORE, whole(0.0, 0.85, 0.094, trip="too fast"), "the safety monitor trips in the experiment itself"),
+        (ITSELF, BEFORE, ended("failed", "it broke", None), "the experiment itself with drive fails"),
         # a file that overshoots is no excuse
-        (whole(0.2, 0.85, 0.1), whole(0.1, 0.85, 0.1), "overshoots by 10.0 %"),
+        (ITSELF, whole(0.2, 0.85, 0.1), whole(0.1, 0.85, 0.1), "overshoots by 10.0 %"),
         # on another stiffness the file's own overshoot is the limit if it is beyond the goal
-        (whole(0.194, 6.8, 0.29, 5e3), whole(0.188, 1.7, 0.11, 5e3), ""),
-        (whole(0.194, 6.8, 0.29, 5e3), whole(0.22, 1.7, 0.11, 5e3), "touch-down on 5000 N/m with drive overshoots by"),
-        (whole(0.0, 1.0, 0.1, 300.0), whole(0.04, None, 0.1, 300.0), ""),
-        (whole(0.0, 1.0, 0.1, 300.0), whole(0.0, 1.0, 1.4, 300.0), "touch-down on 300 N/m with drive: hold error 1.4"),
+        (STIFF, whole(0.194, 6.8, 0.29), whole(0.188, 1.7, 0.11), ""),
+        (STIFF, whole(0.194, 6.8, 0.29), whole(0.22, 1.7, 0.11), "touch-down on 5000 N/m with drive overshoots by"),
+        (SOFT, whole(0.0, 1.0, 0.1), whole(0.04, None, 0.1), ""),
+        (SOFT, whole(0.0, 1.0, 0.1), whole(0.0, 1.0, 1.4), "touch-down on 300 N/m with drive: hold error 1.4"),
         # what the file does not hold cannot be held worse
-        (whole(None, None, None, 300.0), whole(0.0, 1.0, 0.3, 300.0), ""),
+        (SOFT, whole(None, None, None), whole(0.0, 1.0, 0.3), ""),
     ],
 )
-def test_a_run_misses_a_goal_where_its_measures_do(before: WholeRun, after: WholeRun, sentence: str):
-    missed = [one.text for one in shortfalls(before, after, 0.05)]
+def test_a_run_misses_a_goal_where_its_measures_do(where: Surface, before: Outcome, after: Outcome, sentence: str):
+    missed = [one.text for one in shortfalls(where, before, after, 0.05)]
     assert len(missed) == bool(sentence) and all(sentence in text for text in missed)
 
 
@@ -71,13 +76,13 @@ def test_runs_after_the_first_that_misses_a_goal_are_not_made():
     bad, good = whole(0.2, 1.0, 0.1), whole(0.0, 1.0, 0.1)
     made = []
 
-    def runs(*each: WholeRun):
+    def runs(*each: Outcome):
         for one in each:
             made.append(one)
             yield one
 
-    assert price([BEFORE, BEFORE], runs(good, good), 0.05) == 0.0
-    early, late = (price([BEFORE, BEFORE], runs(*each), 0.05) for each in ((bad, good), (good, bad)))
+    assert price([ITSELF, ITSELF], [BEFORE, BEFORE], runs(good, good), 0.05) == 0.0
+    early, late = (price([ITSELF, ITSELF], [BEFORE, BEFORE], runs(*each), 0.05) for each in ((bad, good), (good, bad)))
     assert 1.0 > early > late > 0.0 and len(made) == 2 + 1 + 2
 
 
@@ -176,7 +181,7 @@ def test_gains_tuned_by_steps_alone_overshoot_in_the_experiment_itself():
 
 
 def test_the_measures_of_a_touch_down_are_those_computed_by_hand():
-    runs = whole_runs([shipped()], ["drive"], TOO_FAST, (None, 5000.0))
+    runs = whole_runs([shipped()], TOO_FAST, (None, 5000.0))
     for found, expected in zip(runs, (by_hand(TOO_FAST)[0], by_hand(TOO_FAST)[3]), strict=True):
         # sums in another order
         assert found.measures["hold_overshoot"].value == pytest.approx(expected.overshoot, abs=1e-9)
@@ -187,8 +192,8 @@ def test_the_measures_of_a_touch_down_are_those_computed_by_hand():
 def test_gains_that_never_overshoot_but_hold_the_file_s_force_worse_are_no_answer():
     file, toy = by_hand(FIG4), by_hand(TOY)
     assert toy[0].overshoot == 0.0 and toy[0].hold > file[0].hold + 0.05
-    before, after = (list(whole_runs([shipped()], ["drive"], gains, (None,))) for gains in (FIG4, TOY))
-    assert ["hold error" in one.text for one in shortfalls(before[0], after[0], 0.05)] == [True]
+    before, after = (list(whole_runs([shipped()], gains, (None,))) for gains in (FIG4, TOY))
+    assert ["hold error" in one.text for one in shortfalls(ITSELF, before[0], after[0], 0.05)] == [True]
 
 
 @pytest.mark.slow

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS, shipped
-from tests.studies.tune.corners import fig4_corners
+from tests.studies.tune.corners import fig4_corners, predicted
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.load import load_experiment
 from twin.studies.result import TEXT_WIDTH, lay_out
 from twin.studies.tune import tuned as search
 from twin.studies.tune.prediction import Corner, Goals, LawGains, at_stiffness, gains_of, predict, round_gains
 from twin.studies.tune.text import fragment, tuning_parts
-from twin.studies.tune.touchdown import whole_run
+from twin.studies.tune.touchdown import whole_runs
 from twin.studies.tune.tuned import (
     TuningResult,
     best_gains,
@@ -71,8 +71,9 @@ def test_gains_for_soft_and_stiff_meet_the_goals_on_both_and_are_faster(monkeypa
 def test_a_force_that_jumps_near_its_end_and_then_creeps_costs_more_than_one_that_gets_there():
     made = predict(soft_and_stiff()[2], FIG4)
     # 4 % off for 8 s, inside the band from 20 ms on
-    creeping = replace(made, answers={"force": replace(made.answers["force"], settling=0.02, error=0.32)})
-    arriving = replace(made, answers={"force": replace(made.answers["force"], settling=0.1, error=0.1)})
+    answer = predicted(made.corner, FIG4)
+    creeping = replace(made, answer=replace(answer, settling=0.02, error=0.32))
+    arriving = replace(made, answer=replace(answer, settling=0.1, error=0.1))
     assert cost([creeping], Goals()) > cost([arriving], Goals())
 
 
@@ -91,7 +92,7 @@ def test_misses_are_told_where_they_are_worst():
     (miss,) = worst_misses(predictions, Goals(bandwidth=100.0))
     # the softest surface has the slowest force loop
     assert miss.goal == "bandwidth" and miss.at is predictions[1]
-    assert miss.reached == pytest.approx(min(p.answers["force"].bandwidth for p in predictions[1:]))
+    assert miss.reached == pytest.approx(min(predicted(p.corner, FIG4).bandwidth for p in predictions[1:]))
     assert np.isfinite(miss.by)
 
 
@@ -103,7 +104,7 @@ def test_the_co_simulation_answers_a_step_as_predicted_in_spite_of_backlash_and_
     corner = fig4_corners()[i]
     trial = step_trial(corner, FAST)
     assert trial is not None
-    (found,) = predict(corner, FAST).answers.values()
+    found = predicted(corner, FAST)
     # backlash and encoder counts: 0.05 N of 2 N, 0.02 mm of 1 mm
     assert trial.answer.overshoot == pytest.approx(found.overshoot, abs=0.03)
     assert trial.answer.bandwidth == pytest.approx(found.bandwidth, rel=0.15)
@@ -144,11 +145,11 @@ def test_the_position_law_is_tried_in_air_and_the_force_law_pressing():
 
 
 def test_the_experiment_itself_comes_to_what_twin_run_says():
-    whole = whole_run(shipped(), "drive", LawGains(1.5, 2e-3, 0.5e-3))
-    assert whole.outcome is not None and whole.trip == ""
+    (whole,) = whole_runs([shipped()], LawGains(1.5, 2e-3, 0.5e-3), (None,))
+    assert whole.numbers is not None and whole.status == "done"
     # its own gains: final true force 4.88 N, docs/physics.md
-    assert whole.outcome.end == pytest.approx(4.88, abs=0.1)
-    assert math.isfinite(whole.outcome.force_error or math.nan)
+    assert whole.numbers.end == pytest.approx(4.88, abs=0.1)
+    assert math.isfinite(whole.numbers.force_error or math.nan)
 
 
 AIR = EXPERIMENTS / "step_z_air.toml"

@@ -107,6 +107,6 @@ def _claim(of: str, finding: ClaimFinding) -> dict[str, Any]:
         "quote": finding.claim.quote,
         "verdict": finding.verdict,
         "measured": finding.measured_text,
-        "expected": f"{finding.bounds_text} {finding.claim.unit}".rstrip(),
+        "expected": f"{finding.claim.bounds_text} {finding.claim.unit}".rstrip(),
         "reason": finding.reason,
     }

@@ -323,7 +323,7 @@ def _claim(finding: ClaimFinding) -> tuple[str, ...]:
     text, look = VERDICT_MARKS[finding.verdict]
     place = f"Fig. {claim.figure}: " if claim.figure[0].isdigit() else ""
     quoted = element("small", f"{place}{claim.quote}")
-    expected = f"{finding.bounds_text} {claim.unit}".rstrip() if finding.bounds_text else ""
+    expected = f"{claim.bounds_text} {claim.unit}".rstrip() if claim.bounds_text else ""
     return (
         join_markup([claim.text, quoted]),
         element("span", text, class_=look),

@@ -10,7 +10,7 @@ from twin.report.page.run import ReportRun, outcome_text, scored_values, unscore
 from twin.robot.run.measures import ROWS_BY_KEY
 from twin.studies.metrics.standing import compare_single_runs
 from twin.studies.paper import fig4_measures
-from twin.studies.paper.claim import OWN_CHECKS, PAPER_CLAIMS, ClaimFinding, failed_keys, judge_claim, tally
+from twin.studies.paper.claim import OWN_CHECKS, PAPER_CLAIMS, ClaimFinding, judge_claim, keys_with_verdict, tally
 from twin.studies.paper.claim import standing_text as claims_standing
 from twin.studies.paper.fig4 import QUALITY_CLAIMS, fig4_score
 from twin.studies.paper.fig5 import Fig5Score, fig5_score
@@ -73,7 +73,11 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
     remarks = [*(comparison_sentences(runs) if len(runs) > 2 else ()), *alarms[1:], *deviations, *why_not]
     remarks += _texts_by_run(runs, _faults)
     holds, of = tally(findings)
-    good = False if failed_keys(findings) or alarms else True if of and holds == of else None
+    good: bool | None = None
+    if keys_with_verdict(findings, "fails") or alarms:
+        good = False
+    elif of and holds == of:
+        good = True
     return PageVerdict(_headline(runs, groups, alarms), good, tuple(filter(None, remarks)), tuple(groups), pair, fig5)
 
 

@@ -5,8 +5,8 @@ last outcome.
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
@@ -22,7 +22,7 @@ from twin.robot.experiment.fault import FAULT_KINDS
 from twin.robot.monitor.component import own_monitor, trip_reason
 from twin.robot.monitor.reasons import Trip
 from twin.robot.run.hold import HoldRequest
-from twin.robot.run.measures import RunOutcome
+from twin.robot.run.measures import RunOutcome, Values, missing_measures
 from twin.robot.run.outcome import Tally
 from twin.robot.run.shared_prefix import SharedPrefix, prefix_experiment
 from twin.robot.run.trace import Trace
@@ -36,12 +36,14 @@ class RunRequest(NamedTuple):
             own, which shared prefixes lack: every run is then made from the start.
         tally: whether to sum up the numbers.
         idle: whether to find out if the monitor ever acted.
+        timed: whether to measure each component, in runs from the start.
         check: called with each experiment and its system before the first tick, to refuse unmeasurable ones.
     """
 
     signals: frozenset[str] | None = frozenset()
     tally: bool = False
     idle: bool = False
+    timed: bool = False
     check: Callable[[Experiment, System], None] | None = None
 
 
@@ -58,6 +60,7 @@ class Outcome:
         idle: whether the monitor never acted on the robot; True if not requested.
         culprit: name of the component that failed; "".
         stepping: wall time in the master (s).
+        costs: wall time per tick of each component (s), by name; empty if not timed.
     """
 
     status: Literal["done", "tripped", "failed"]
@@ -70,6 +73,11 @@ class Outcome:
     culprit: str
     failure: ComponentFailed | None
     stepping: float
+    costs: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def measures(self) -> Values:
+        return self.numbers.measures if self.numbers else missing_measures("the run failed")
 
     def require_success(self) -> Self:
         """Return this outcome if no component failed, else raise the failure."""
@@ -150,6 +158,7 @@ class _Watch:
             culprit=done.simulation.culprit,
             failure=done.failure,
             stepping=done.stepping,
+            costs=done.costs,
         )
 
 
@@ -231,13 +240,24 @@ class Runs:
         """
         past = self._find_prefix(experiment)
         if past is None or past.shared is None:
-            watch = _Watch(self.request, experiment)
-            with assemble(experiment) as assembly:
-                return watch.outcome(simulate(assembly, experiment.duration_ticks, watch.observers))
+            return self._run_from_start(experiment)
         watch = _Watch(self.request, experiment, past.watch)
         later = [fault.onset for fault in experiment.faults] + [change.tick for change in experiment.changes]
         first = min(later, default=experiment.duration_ticks)
         return watch.outcome(past.shared.run_variant(experiment, first, watch.observers))
+
+    def _run_from_start(self, experiment: Experiment) -> Outcome:
+        watch, outcome, timed = _Watch(self.request, experiment), None, self.request.timed
+        try:
+            with assemble(experiment) as assembly:
+                done = simulate(assembly, experiment.duration_ticks, watch.observers, timed=timed)
+                outcome = watch.outcome(done)
+        except ComponentFailed as failure:
+            # a drive in a process of its own may crash when it is freed
+            if outcome is None:
+                raise
+            return replace(outcome, status="failed", reason=str(failure), numbers=None, failure=failure)
+        return outcome
 
     def _find_prefix(self, experiment: Experiment) -> _PrefixEntry | None:
         """Return the cached prefix that a run of `experiment` can continue, simulated if it pays; None without one."""

@@ -29,12 +29,11 @@ MASS_HALVINGS = 20
 
 @dataclass(frozen=True)
 class PassivityTrial:
-    """Result of checking a passivity prediction in the co-simulation, with a mass on the platform in the air.
+    """Check of a passivity prediction in the co-simulation, by the smallest mass (kg) that makes the model swing.
 
     Attributes:
-        mass: smallest mass that makes the linear model swing (kg).
-        predicted: growth rates at `STABLE_SHARE` and `UNSTABLE_SHARE` of the mass (1/s).
-        simulated: the same growth rates in the co-simulation; infinite if the platform flew off.
+        predicted, simulated: growth rates at `STABLE_SHARE` and `UNSTABLE_SHARE` of the mass (1/s); infinite if the
+            platform flew off.
     """
 
     point: OperatingPoint
@@ -44,12 +43,11 @@ class PassivityTrial:
 
     @property
     def agrees(self) -> bool:
-        """Whether the co-simulation confirms the prediction: a nudge dies out at the smaller mass only."""
+        """Whether a nudge dies out at the smaller mass only."""
         return self.simulated[0] < 0.0 < self.simulated[1]
 
     @property
     def tried_masses(self) -> tuple[float, float]:
-        """The two simulated masses (kg), just below and just above the predicted limit."""
         return STABLE_SHARE * self.mass, UNSTABLE_SHARE * self.mass
 
     JSON_KEYS = (

@@ -71,8 +71,7 @@ def frequency_response(
 ) -> tuple[Curve, NDArray[np.complex128], Curve]:
     """Measure the frequency response of a drive: advance of its shaft per tick over command and load (SI).
 
-    Returns:
-        (frequencies (n,) in Hz from 0, advance over command and load (n, 2), its standard deviation (n, 2)).
+    Return (frequencies (n,) in Hz from 0, response (n, 2), its standard deviation (n, 2)).
     """
     samples = round(SINE_PERIOD / tick)
     lines = np.unique(np.round(np.geomspace(1.0, MAX_FREQUENCY_RATIO * samples, LINE_COUNT)).astype(int))

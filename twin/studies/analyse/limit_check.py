@@ -37,7 +37,7 @@ class LimitCheck:
         predicted: factor on all gains of the law, see `twin.studies.analyse.linear.margins.gain_limit`.
         low, high: factors between which a nudge begins to last in the co-simulation, each None if it was not reached.
         holds: whether the prediction is confirmed within `LIMIT_TOLERANCE`.
-        reason: explanation of a failed prediction, as far as it was measured; "" if it holds.
+        reason: explanation of a failed prediction, as far as it was measured.
     """
 
     law: str
@@ -62,7 +62,6 @@ class LimitCheck:
 
     @property
     def limit_bounds(self) -> tuple[float | None, float | None]:
-        """The gain factors that bracket the limit in the co-simulation, (low, high)."""
         return self.low, self.high
 
     JSON_KEYS = (
@@ -74,7 +73,6 @@ class LimitCheck:
 def check_limit(
     experiment: Experiment, point: OperatingPoint, law: str, predicted: float | None, drives: Sequence[DriveModel]
 ) -> LimitCheck:
-
     @cache
     def lasting(factor: float) -> LastingNudges:
         return lasting_nudges(experiment, point, law, factor)
@@ -94,10 +92,7 @@ def bracket(lasts: Callable[[float], bool], expected: float, ends: bool = True) 
     """Bracket the limit by the highest tried factor whose nudges all die out and the next one, starting at `expected`.
 
     An end is None if it is too far from `expected`. The two are `borders(expected)` if the limit is between them, else
-    their ratio is at most `BRACKET_RATIO`.
-
-    Args:
-        ends: whether `expected` is a limit, not just the largest factor examined.
+    their ratio is at most `BRACKET_RATIO`. `ends`: `expected` is a limit, not just the largest factor examined.
     """
     low, high = borders(expected)
     if lasts(low):

@@ -48,12 +48,7 @@ class LinearPoint:
 class Linearisation:
     """The linear models that all operating points of an experiment share: drives, settings, stepping.
 
-    Args:
-        experiment: experiment to linearise; its faults are left out.
-        points: operating points; the drives are identified under their mean load.
-
-    Attributes:
-        labels: names of the drives in reports.
+    Faults are left out. The drives, called `labels` in reports, are identified under their mean load at the points.
     """
 
     def __init__(self, experiment: Experiment, points: list[OperatingPoint]):

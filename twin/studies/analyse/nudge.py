@@ -56,16 +56,14 @@ def residual_swings(
     experiment: Experiment, point: OperatingPoint, law: str, factor: float, nudges: Sequence[float]
 ) -> list[ResidualSwing]:
     """Simulate nudges (m) with scaled gains of the law "position" or "force"; return the remaining swings."""
-    tick, found = experiment.cosim.tick, []
+    tick = experiment.cosim.tick
     width, before = round(SWING_WINDOW / tick), round(NUDGE_TIME / tick)
-    for p_B in nudged_paths(experiment, point, law, factor, nudges):
-        gone = len(p_B) <= round(END_TIME / tick)
-        found.append(
-            ResidualSwing(0.0, np.inf)
-            if gone
-            else ResidualSwing(swing(p_B[before - width : before]), swing(p_B[-width:]))
-        )
-    return found
+    return [
+        ResidualSwing(swing(p_B[before - width : before]), swing(p_B[-width:]))
+        if len(p_B) > round(END_TIME / tick)
+        else ResidualSwing(0.0, np.inf)
+        for p_B in nudged_paths(experiment, point, law, factor, nudges)
+    ]
 
 
 def nudged_paths(
@@ -108,14 +106,13 @@ def swing(p_B: Matrix) -> float:
 
 def holding_experiment(experiment: Experiment, point: OperatingPoint) -> Experiment:
     """Return the experiment with the robot held at an operating point, without other motion or faults."""
-    period = experiment.controller.period
     c = experiment.controller
     force = {"reference": point.F_z, "trigger": None, "trigger_time": 0.0, "limit": 1.0}
     mode = "force_position" if point.force_on else "position"
     computer = c.model_copy(update={**NO_LIMIT, "mode": mode, "force": c.force.model_copy(update=force)})
     alone = replace(
         undisturbed_experiment(experiment),
-        reference=WayPoints((0.0, NUDGE_TIME - period, NUDGE_TIME), (point.p_B,) * 3),
+        reference=WayPoints((0.0, NUDGE_TIME - c.period, NUDGE_TIME), (point.p_B,) * 3),
         controller=computer,
         duration_ticks=round(END_TIME / experiment.cosim.tick),
     )

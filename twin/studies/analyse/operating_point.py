@@ -28,10 +28,9 @@ MIN_DEFLECTION = 2e-5
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """A state of the robot at rest, about which the loops are linearised.
+    """A state of the robot at rest, about which the loops are linearised, with the platform at `p_B` (m).
 
     Attributes:
-        p_B: platform position (m).
         F_z: pressing force (N); 0 in free air.
         x, theta_m: state (8,) and motor angles (3,) at rest: friction sticks, with its bristle straight.
     """

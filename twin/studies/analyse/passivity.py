@@ -37,12 +37,10 @@ MASS_RANGE, STIFFNESS_RANGE = (0.01, 5.0), (1.0, 50_000.0)
 
 
 class Band(NamedTuple):
-    """A frequency band where the robot is not passive: it supplies energy to a swing.
+    """A band of frequencies (Hz) where the robot is not passive: it supplies energy to a swing.
 
     Attributes:
-        low, high: lowest and highest such frequency (Hz).
-        least: smallest `power_share` in the band.
-        at: frequency of `least` (Hz).
+        least, at: smallest `power_share` in the band, and its frequency.
     """
 
     low: float
@@ -52,12 +50,9 @@ class Band(NamedTuple):
 
 
 class Environment(NamedTuple):
-    """A passive environment of the robot: a mass on a spring, felt along one direction only.
+    """A passive environment of the robot: a mass (kg) on a spring (N/m), felt along one direction (3,) only.
 
     Attributes:
-        mass: kg.
-        stiffness: N/m.
-        direction: unit vector (3,).
         growth: growth rate of the fastest growing pole with the robot (1/s); negative if everything dies out.
         frequency: frequency of that pole (Hz).
     """
@@ -101,10 +96,9 @@ class PointPassivity:
 
 @dataclass(frozen=True)
 class Passivity:
-    """Result of the passivity analysis of a robot.
+    """Result of the passivity analysis of a robot, without a width if no force loop presses.
 
     Attributes:
-        width: None if no force loop presses.
         trial: check in the co-simulation; None without a mass to try.
     """
 
@@ -164,10 +158,8 @@ def band(frequency: Matrix, Y: Complex) -> Band | None:
 def worst_environment(holding: Callable[[Matrix, float, float], Hand]) -> Environment:
     """Find the mass on a spring that swings most with the robot, by differential evolution.
 
-    Lossless environments suffice: at its worst a passive environment dissipates nothing.
-
-    Args:
-        holding: function of direction, mass (kg) and stiffness (N/m) that returns the robot with them in the hand.
+    Lossless environments suffice: at its worst a passive environment dissipates nothing. `holding` returns the robot
+    with a direction, mass (kg) and stiffness (N/m) in the hand.
     """
 
     def made(x: Matrix) -> tuple[Matrix, float, float]:

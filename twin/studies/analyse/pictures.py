@@ -166,10 +166,8 @@ def draw_stability_maps(done: stability.Stability, path: Path) -> None:
     """Draw the stability maps of an analysis, which has at least one, to `path` (PNG)."""
     title = f"{done.experiment.name}: {point_name(done.maps[0].at.point)}, on surfaces of other stiffness"
     with picture(path, 6.3 * len(done.maps) + 1.0, 5.2, title, look=MAP_STYLE) as figure:
-        shades, norm = (
-            ListedColormap([UNSTABLE_COLOR, *DAMPING_SHADES]),
-            BoundaryNorm(DAMPING_LEVELS, 1 + len(DAMPING_SHADES)),
-        )
+        shades = ListedColormap([UNSTABLE_COLOR, *DAMPING_SHADES])
+        norm = BoundaryNorm(DAMPING_LEVELS, 1 + len(DAMPING_SHADES))
         panels = figure.subplots(1, len(done.maps), squeeze=False)[0]
         for axes, chart in zip(panels, done.maps, strict=True):
             axes.set_facecolor(NO_POINT_COLOR)
@@ -209,9 +207,9 @@ def draw_passivity(done: passivity.Passivity, path: Path) -> None:
     air = [point for point in done.points if not point.point.in_contact]
     pressing = [point for point in done.points if point.point.in_contact]
     shown = [*air[-1:], *pressing[:1]]
-    title = f"{done.experiment.name} in the hand"
-    with picture(path, 5.2 * (len(shown) + (done.width is not None)), 7.0, title) as figure:
-        panels = figure.subplots(2, len(shown) + (done.width is not None), squeeze=False)
+    columns = len(shown) + (done.width is not None)
+    with picture(path, 5.2 * columns, 7.0, f"{done.experiment.name} in the hand") as figure:
+        panels = figure.subplots(2, columns, squeeze=False)
         for (upper, lower), point in zip(panels.T, shown, strict=False):
             omega = 2.0 * np.pi * point.frequency
             for i, axis in enumerate(AXES):
@@ -232,10 +230,7 @@ def draw_passivity(done: passivity.Passivity, path: Path) -> None:
 
 def _draw_width(axes: Axes, width: rendering.ZWidth) -> None:
     axes.set_facecolor(UNSTABLE_COLOR)
-    shades, norm = (
-        ListedColormap([DAMPING_SHADES[0], DAMPING_SHADES[1], DAMPING_SHADES[2], DAMPING_SHADES[4]]),
-        BoundaryNorm(PASSIVITY_LEVELS, 4),
-    )
+    shades, norm = ListedColormap([*DAMPING_SHADES[:3], DAMPING_SHADES[4]]), BoundaryNorm(PASSIVITY_LEVELS, 4)
     drawn = axes.pcolormesh(width.stiffness, width.damping, width.least, cmap=shades, norm=norm, shading="nearest")
     axes.axvline(width.spring, color=INK, lw=1.2, ls=":")
     axes.annotate("springs", (width.spring, width.damping[0]), (3, 4), textcoords="offset points", fontsize=9)

@@ -42,8 +42,7 @@ class PointStability:
         poles: slowest decay first.
         disks: disk margins of all loops at once, opened at the "laws", at the "motors", or at "both".
         sensitivity: largest singular value of the sensitivity of all loops at once; None if unstable.
-        limits: "position", "force" -> largest factor on all gains of that law that keeps the point stable, see
-            `twin.studies.analyse.linear.margins.gain_limit`.
+        limits: `gain_limit` of each law, "position" and "force".
     """
 
     linear: LinearPoint
@@ -74,8 +73,7 @@ class StabilityMap:
     """Smallest damping ratio of the loops over contact stiffness and gains, at constant pose and force.
 
     Attributes:
-        stiffness: contact stiffness (N/m) (n,).
-        factors: factor on all gains of the law (m,).
+        stiffness, factors: contact stiffness (N/m) (n,), and factor on all gains of the law (m,).
         zeta: smallest damping ratio of a pole (m, n); < 0 if unstable, NaN without an operating point.
     """
 

@@ -44,46 +44,40 @@ def analyse(
 
     Example: twin analyse experiments/fig4_force_position.toml
     """
-    from twin.kernel.atomic_write import make_folder
+    from twin.kernel.atomic_write import make_folder, write_json
     from twin.robot.assembly.load import load_experiment
 
     folder = make_folder(out or RESULTS_FOLDER / experiment.stem)
     loaded = load_experiment(experiment, settings, drive, body)
-    return (_passivity if passivity else _stability)(loaded, tried, folder, say)
+    # absolute: an FMU may change the working directory
+    home = folder.absolute()
+    result = (_passivity if passivity else _stability)(loaded, tried, folder, home, say)
+    write_json(home / (PASSIVITY_FACTS if passivity else FACTS_FILE), result.facts)
+    return result
 
 
-def _stability(experiment: "Experiment", tried: bool, folder: Path, say: Say) -> Result:
-    from twin.kernel.atomic_write import write_json
+def _stability(experiment: "Experiment", tried: bool, folder: Path, home: Path, say: Say) -> Result:
     from twin.studies.analyse.pictures import draw_analysis, draw_disks, draw_stability_maps
     from twin.studies.analyse.stability import stability
     from twin.studies.analyse.text import analysis_result
 
-    # absolute: an FMU may change the working directory
-    home = folder.absolute()
     done = stability(experiment, tried, say)
     draw_analysis(done, home / PICTURE_FILE)
-    pictures = [PICTURE_FILE]
+    files = [PICTURE_FILE]
     if any(point.disks for point in done.points):
         draw_disks(done, home / DISKS_FILE)
-        pictures.append(DISKS_FILE)
+        files.append(DISKS_FILE)
     if done.maps:
         draw_stability_maps(done, home / MAP_FILE)
-        pictures.append(MAP_FILE)
-    result = analysis_result(done, [str(folder / name) for name in (*pictures, FACTS_FILE)])
-    write_json(home / FACTS_FILE, result.facts)
-    return result
+        files.append(MAP_FILE)
+    return analysis_result(done, [str(folder / name) for name in (*files, FACTS_FILE)])
 
 
-def _passivity(experiment: "Experiment", tried: bool, folder: Path, say: Say) -> Result:
-    from twin.kernel.atomic_write import write_json
+def _passivity(experiment: "Experiment", tried: bool, folder: Path, home: Path, say: Say) -> Result:
     from twin.studies.analyse.passivity import passivity
     from twin.studies.analyse.pictures import draw_passivity
     from twin.studies.analyse.text import passivity_result
 
-    # absolute: an FMU may change the working directory
-    home = folder.absolute()
     done = passivity(experiment, tried, say)
     draw_passivity(done, home / PASSIVITY_PICTURE)
-    result = passivity_result(done, [str(folder / name) for name in (PASSIVITY_PICTURE, PASSIVITY_FACTS)])
-    write_json(home / PASSIVITY_FACTS, result.facts)
-    return result
+    return passivity_result(done, [str(folder / name) for name in (PASSIVITY_PICTURE, PASSIVITY_FACTS)])

@@ -2,7 +2,6 @@
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from twin.kernel.archive import zip_bytes
@@ -11,23 +10,18 @@ from twin.kernel.fmi.unpacked import fmi_headers
 from twin.kernel.units import Unit, known_unit
 from twin.robot.assembly.load import load_experiment
 from twin.studies.build import linking
-from twin.studies.build.layout import ExportedVariable, Kind, Layout, layout_of, sizes_header, tables_source
+from twin.studies.build.layout import (
+    CAUSALITY_BY_KIND,
+    ExportedVariable,
+    Layout,
+    layout_of,
+    sizes_header,
+    tables_source,
+)
 from twin.studies.build.part import RobotPart, fixed_keys, open_parameters, part_of
 from twin.studies.command import Answer
 
 GENERATION_TOOL = "twin"
-_KIND_CAUSALITY: dict[Kind, str] = {
-    "parameter": "parameter",
-    "tunable": "parameter",
-    "input": "input",
-    "output": "output",
-}
-_KIND_VARIABILITY: dict[Kind, str] = {
-    "parameter": "fixed",
-    "tunable": "tunable",
-    "input": "continuous",
-    "output": "continuous",
-}
 RESULTS_FOLDER = Path("results/build")
 
 
@@ -38,7 +32,6 @@ def model_description(
 
     Args:
         guid: the GUID compiled into the binary.
-        about: description of the part and of the delay of its steps.
         variables: scalars in FMI 2.0; the value reference is the index.
     """
     new = fmi == "3.0"
@@ -99,8 +92,8 @@ def _attributes(variable: ExportedVariable, reference: int) -> dict[str, str]:
     attributes = {
         "name": variable.name,
         "valueReference": str(reference),
-        "causality": _KIND_CAUSALITY[variable.kind],
-        "variability": _KIND_VARIABILITY[variable.kind],
+        "causality": CAUSALITY_BY_KIND[variable.kind],
+        "variability": {"parameter": "fixed", "tunable": "tunable"}.get(variable.kind, "continuous"),
         "description": variable.meaning,
     }
     return attributes | ({"initial": "calculated"} if variable.kind == "output" else {})
@@ -129,15 +122,13 @@ def _append_array(inside: ET.Element, variable: ExportedVariable, reference: int
 def _append_structure(structure: ET.Element, variables: Sequence[ExportedVariable], new: bool) -> None:
     # outputs change only with a step, never with an input at the same instant; at the start they depend on everything
     outputs = [reference for reference, variable in enumerate(variables) if variable.kind == "output"]
-    if new:
-        for tag, more in (("Output", {"dependencies": ""}), ("InitialUnknown", {})):
-            for reference in outputs:
-                ET.SubElement(structure, tag, {"valueReference": str(reference)} | more)
-        return
-    for tag, more in (("Outputs", {"dependencies": ""}), ("InitialUnknowns", {})):
-        unknowns = ET.SubElement(structure, tag)
+    for tag, more in (("Output", {"dependencies": ""}), ("InitialUnknown", {})):
+        unknowns = structure if new else ET.SubElement(structure, f"{tag}s")
         for reference in outputs:
-            ET.SubElement(unknowns, "Unknown", {"index": str(reference + 1)} | more)
+            if new:
+                ET.SubElement(unknowns, tag, {"valueReference": str(reference)} | more)
+            else:
+                ET.SubElement(unknowns, "Unknown", {"index": str(reference + 1)} | more)
 
 
 def pack_fmu(
@@ -174,9 +165,7 @@ def pack_fmu(
             part.name, front, platform, files | linking.object_files(steps[platform]), options, wanted
         )
 
-    say("linking")
-    with ThreadPoolExecutor() as threads:
-        libraries = dict(zip(platforms, threads.map(library, platforms), strict=True))
+    libraries = linking.link_all(platforms, library, say)
     return zip_bytes(
         {
             "modelDescription.xml": description(guid),
@@ -187,10 +176,7 @@ def pack_fmu(
 
 
 def _binaries(name: str, fmi: str, libraries: dict[linking.Platform, bytes]) -> dict[str, bytes]:
-    """Return an FMU's shared libraries by their paths in the archive.
-
-    FMI 2.0 has one library for all processors of macOS.
-    """
+    """Return an FMU's libraries by their paths in the archive; FMI 2.0 has one for all processors of macOS."""
     places: dict[str, dict[str, bytes]] = {}
     for platform, library in libraries.items():
         folder = platform.name if fmi == "3.0" else platform.fmi2
@@ -207,13 +193,7 @@ def build_fmu(
     settings: Sequence[str],
     say: Callable[[str], None],
 ) -> Answer:
-    """Write a part of the robot as a co-simulation FMU with native code.
-
-    Args:
-        part: "plant", "computer", or a component by its name.
-        platforms: target platforms apart from x86-64 Linux, as FMI 3.0 names them.
-        out: path of the FMU; None for results/build/EXPERIMENT/PART.fmu.
-    """
+    """Write a part of the robot as a co-simulation FMU with native code; options as in `twin build`."""
     targets = linking.select_platforms(platforms, fmi)
     loaded = load_experiment(experiment, settings)
     file = out or RESULTS_FOLDER / loaded.name / f"{part}.fmu"

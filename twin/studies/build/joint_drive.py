@@ -41,10 +41,9 @@ class Socket(NamedTuple):
 
 @dataclass(frozen=True)
 class Element:
-    """An FMU of a drive in an exported system, or one of twin's own components around it.
+    """An FMU of a drive in an exported system, or one of twin's own components around it, such as "drive_1".
 
     Attributes:
-        name: name in the system, e.g. "drive_1".
         part: name of the part within the drive; "" if the drive is a single FMU.
         settings: values of an FMU's parameters and start values of its inputs, in its own units.
         variables: variables of an FMU that have a role.
@@ -61,11 +60,9 @@ class Element:
 
 @dataclass(frozen=True)
 class JointDrive:
-    """The drive of one joint in an exported system: elements, connections, inputs, angle.
+    """The drive of one joint in an exported system: elements in the order of a tick, connections (from, to).
 
     Attributes:
-        elements: in the order of a tick.
-        connections: connections between the elements, (from, to).
         inputs: port of the drive, e.g. `omega_ref` -> the sockets it feeds.
         theta_m: the angle of the shaft.
     """
@@ -123,7 +120,6 @@ def _with_unpowered_shaft(joint: JointDrive, shaft: Component) -> JointDrive:
 
 
 def _refuse_unexportable(plan: DrivePlan, tick: float) -> None:
-    """Refuse to export a drive that depends on twin's own master."""
     label = plan.label
     if plan.system is not None:
         raise InputRefused(f"{label}: is an SSP itself, which is not taken apart; `twin drive new` makes parts of it")

@@ -1,7 +1,4 @@
-"""Memory layout of an exported part in one block: FMI variables, inputs and outputs, component memory; and its C.
-
-`part.h` declares the C tables.
-"""
+"""Memory layout of an exported part in one block: FMI variables, inputs and outputs, component memory; and its C."""
 
 import math
 import struct
@@ -14,6 +11,7 @@ import numpy as np
 from twin.kernel.cosim.component import NativeComponent
 from twin.kernel.cosim.port import Port, by_port, width
 from twin.kernel.cosim.system import End
+from twin.kernel.ssp.structure import ConnectorKind
 from twin.kernel.units import Unit, known_unit
 from twin.studies.build.part import NO_LIMITS, Beginning, Destination, Limits, OpenParameter, RobotPart
 
@@ -21,15 +19,18 @@ MEMORY_ALIGNMENT = 64
 """Alignment (bytes) of component memory and of the arrays it points to."""
 
 Kind = Literal["parameter", "tunable", "input", "output"]
+CAUSALITY_BY_KIND: dict[Kind, ConnectorKind] = {
+    "parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output",
+}  # fmt: skip
+"""Causality of an exported variable in FMI, and the kind of its connector in SSP."""
 STATUS_TEXTS = {"plant": "left the workspace, a leg cannot reach the platform"}
 """Message for status 2 of a component whose own explanation depends on its current state."""
 
 
 class ExportedVariable(NamedTuple):
-    """A variable of an exported FMU: one value, or an array of several.
+    """A variable of an exported FMU, e.g. `plant.F_ee_B`: one value, or an array of several.
 
     Attributes:
-        name: e.g. `plant.F_ee_B`.
         unit, text: unit of the values, and its spelling.
         first: index of its first value.
         start: start values; for an output, before any input is known.
@@ -87,7 +88,6 @@ class Layout:
 
     @property
     def values(self) -> int:
-        """Number of values of all variables of the exported part."""
         return sum(len(variable.start) for variable in self.variables)
 
     def scalars(self) -> tuple[ExportedVariable, ...]:
@@ -102,7 +102,6 @@ class Layout:
 
 
 def layout_of(part: RobotPart, parameters: Sequence[OpenParameter]) -> Layout:
-    """Build the memory layout of an exported part with its settable parameters."""
     blocks = list(_blocks(part))
     variables = list(_variables(part, parameters))
     first_of = {variable.name: variable.first for variable in variables}
@@ -113,24 +112,18 @@ def layout_of(part: RobotPart, parameters: Sequence[OpenParameter]) -> Layout:
         for place in _places(blocks, parameter, first_of[parameter.key], destination)
     ]
     rows = tuple(_rows(part, {block.name: block.offset for block in blocks}, first_of))
-    sources = [
+    pointers = tuple(
+        (_offset(blocks, component.memory[field]), _offset(blocks, array))
+        for component in part.components
+        for field, array in component.pointers.items()
+    )
+    sources = tuple(
         _source(part, component, port, n, first_of)
         for component in part.components
         for port in component.inputs
         for n in range(port.size)
-    ]
-    return Layout(
-        tuple(variables),
-        rows,
-        tuple(places),
-        tuple(
-            (_offset(blocks, component.memory[field]), _offset(blocks, array))
-            for component in part.components
-            for field, array in component.pointers.items()
-        ),
-        tuple(sources),
-        _image(part, blocks),
     )
+    return Layout(tuple(variables), rows, tuple(places), pointers, sources, _image(part, blocks))
 
 
 class _Block(NamedTuple):
@@ -219,10 +212,8 @@ def _outputs(part: RobotPart) -> Iterator[tuple[str, Port, np.ndarray]]:
             yield name, port, np.zeros(port.size)
 
 
-def _beginnings(part: RobotPart) -> Iterator[tuple[str, Beginning]]:
-    for name, found in part.beginnings.items():
-        for beginning in found:
-            yield name, beginning
+def _beginnings(part: RobotPart) -> list[tuple[str, Beginning]]:
+    return [(name, beginning) for name, found in part.beginnings.items() for beginning in found]
 
 
 def _rows(part: RobotPart, memory: dict[str, int], first_of: dict[str, int]) -> Iterator[EntryRow]:
@@ -255,7 +246,6 @@ def _source(part: RobotPart, component: NativeComponent, port: Port, n: int, fir
 
 
 def sizes_header(layout: Layout, variables: Sequence[ExportedVariable], guid: str, tick: float) -> str:
-    """Return the content of the C header `sizes.h` of an exported part."""
     numbers = {
         "N_VARIABLES": len(variables),
         "N_VALUES": layout.values,
@@ -270,7 +260,6 @@ def sizes_header(layout: Layout, variables: Sequence[ExportedVariable], guid: st
 
 
 def tables_source(layout: Layout, variables: Sequence[ExportedVariable]) -> str:
-    """Return the content of the C source `tables.c` of an exported part."""
     steps = {row.symbol for row in layout.rows}
     doubles = struct.unpack(f"<{len(layout.image) // 8}Q", layout.image)
     return "\n".join(

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -42,7 +41,6 @@ def step_ticks(part: RobotPart) -> int:
 
 
 def header(part: RobotPart, layout: Layout) -> bytes:
-    """Return the content of computer.h, the header of the exported C library."""
     experiment = part.experiment
     tick = experiment.cosim.tick
     parameters: dict[str, Any] = {}
@@ -91,10 +89,10 @@ def fields(part: RobotPart, layout: Layout) -> bytes:
         for c in (row.component for row in layout.rows)
     ]
     first = {v.name: v.first for v in layout.variables}
-    taken = [(port, first[port.name]) for port in COUNT_PORTS if port.name in first]
     take = [
-        f"state->values[{at + n}] = (double)counts->{_element_name(port, n)};"
-        for port, at in taken
+        f"state->values[{first[port.name] + n}] = (double)counts->{_element(port.name, port, n)};"
+        for port in COUNT_PORTS
+        if port.name in first
         for n in range(port.size)
     ]
     return "\n".join(
@@ -118,7 +116,6 @@ def fields(part: RobotPart, layout: Layout) -> bytes:
 
 
 def parameters_of(layout: Layout) -> list[ExportedVariable]:
-    """Return the exported variables that are parameters; these come first."""
     return [v for v in layout.variables if v.kind in ("parameter", "tunable")]
 
 
@@ -144,11 +141,11 @@ def _assignment_lines(target: str, port: Port, first: int | None) -> Iterator[st
     for n in range(port.size):
         value = "1.0" if first is None else f"state->values[{first + n}]"
         value = f"{value} != 0.0" if port.kind == "bool" else f"({C_TYPES[port.kind]}){value}"
-        yield f"{target}{f'[{n}]' if port.size > 1 else ''} = {value};"
+        yield f"{_element(target, port, n)} = {value};"
 
 
-def _element_name(port: Port, n: int) -> str:
-    return f"{port.name}[{n}]" if port.size > 1 else port.name
+def _element(name: str, port: Port, n: int) -> str:
+    return f"{name}[{n}]" if port.size > 1 else name
 
 
 def _words(layout: Layout) -> int:
@@ -193,12 +190,7 @@ def build_c(
     settings: Sequence[str],
     say: Callable[[str], None],
 ) -> Answer:
-    """Write the robot's own computer as C, from encoder counts to motor speeds.
-
-    Args:
-        platforms: target platforms apart from x86-64 Linux, as FMI 3.0 names them.
-        out: output folder; None for results/build/EXPERIMENT/c.
-    """
+    """Write the robot's own computer as C, from encoder counts to motor speeds; options as in `twin build`."""
     targets = linking.select_platforms(platforms)
     loaded = load_experiment(experiment, settings)
     folder = out or RESULTS_FOLDER / loaded.name / "c"
@@ -223,9 +215,7 @@ def build_c(
     def library(platform: linking.Platform) -> bytes:
         return linking.static_library("computer.c", platform, shared | linking.object_files(steps[platform]), folder)
 
-    say("linking")
-    with ThreadPoolExecutor() as threads:
-        libraries = dict(zip(targets, threads.map(library, targets), strict=True))
+    libraries = linking.link_all(targets, library, say)
     files = {name: shared[name] for name in ("computer.h", "main.c")} | {
         "README.md": _readme(part, targets, closed).encode(),
         **{f"{platform.name}/{LIBRARY_FILE}": content for platform, content in libraries.items()},

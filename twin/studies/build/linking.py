@@ -19,6 +19,7 @@ import sys
 import tempfile
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -46,12 +47,10 @@ class Platform(NamedTuple):
     """A target platform of an exported part: a processor and an operating system.
 
     Attributes:
-        name: platform tuple of FMI 3.0, which names the folder.
-        fmi2: folder in FMI 2.0; None if FMI 2.0 lacks the platform.
+        name, fmi2: folder in FMI 3.0, and in FMI 2.0; None if FMI 2.0 lacks the platform.
         suffix: suffix of shared libraries.
-        triple: LLVM's name.
-        target: ziglang's name. glibc 2.17 is of 2012, macOS 11 the first for both processors; a library linked against
-            them runs on every later system.
+        triple, target: names for LLVM and ziglang. glibc 2.17 is of 2012, macOS 11 the first for both processors; a
+            library linked against them runs on every later system.
         cpu: the oldest processor of this kind.
         forms: variants of the compiled code.
     """
@@ -66,7 +65,6 @@ class Platform(NamedTuple):
 
     @property
     def is_elf(self) -> bool:
-        """Whether the platform's shared libraries are ELF files, as on Linux."""
         return self.suffix == "so"
 
 
@@ -97,12 +95,10 @@ def select_platforms(names: Sequence[str], fmi: str | None = None) -> list[Platf
 
 
 def names_of(platforms: Iterable[Platform]) -> str:
-    """Return the names of platforms, separated by commas."""
     return ", ".join(platform.name for platform in platforms)
 
 
 def summary(title: str, rows: Mapping[str, str]) -> str:
-    """Return a text about a finished build: a title and one line per row."""
     return "\n".join([title, *(f"  {label:<8} {text}" for label, text in rows.items())])
 
 
@@ -153,8 +149,16 @@ def emit_steps(
 
 
 def object_files(steps: Sequence[EmittedStep]) -> dict[str, bytes]:
-    """Return the object files of compiled steps by file name."""
     return {f"{step.symbol}.o": step.content for step in steps}
+
+
+def link_all(
+    platforms: Sequence[Platform], link: Callable[[Platform], bytes], say: Callable[[str], None]
+) -> dict[Platform, bytes]:
+    """Link a library for each platform, in parallel."""
+    say("linking")
+    with ThreadPoolExecutor() as threads:
+        return dict(zip(platforms, threads.map(link, platforms), strict=True))
 
 
 def c_files(*names: str) -> dict[str, bytes]:
@@ -163,7 +167,6 @@ def c_files(*names: str) -> dict[str, bytes]:
 
 
 def guid_of(*contents: bytes) -> str:
-    """Return a GUID derived from the hash of the given contents."""
     digest = hashlib.sha256()
     for content in contents:
         digest.update(f"{len(content)}\n".encode() + content)
@@ -182,12 +185,7 @@ def refuse_platform(wanted: Path, platforms: Sequence[Platform]) -> None:
 def shared_library(
     name: str, source: str, platform: Platform, files: Mapping[str, bytes], options: Sequence[str], wanted: Path
 ) -> bytes:
-    """Compile a C file and link it with object files to a shared library for a platform.
-
-    Args:
-        name: library name without suffix.
-        files: the source, its includes and the object files, by name.
-    """
+    """Compile a C file of `files`, with its includes, and link it with their object files to a shared library."""
     # refuse undefined symbols that the system's own libraries lack
     elf = ("-Wl,-z,now", "-Wl,-z,defs", "-lm")
     # the default install name is the path of the build
@@ -217,10 +215,7 @@ def static_library(source: str, platform: Platform, files: Mapping[str, bytes], 
 
 
 def universal(slices: Mapping[str, bytes]) -> bytes:
-    """Combine macOS libraries of several processors, by triple, to one universal library.
-
-    Layout: <mach-o/fat.h>, big-endian.
-    """
+    """Combine macOS libraries of several processors, by triple, to one universal library, see <mach-o/fat.h>."""
     header = struct.pack(">II", 0xCAFEBABE, len(slices))
     body, start = b"", 8 + 20 * len(slices)
     for triple, content in slices.items():

@@ -14,7 +14,9 @@ ConnectorUnit = tuple[ssp.Connector, ssp.UnitDefinition | None]
 """A connector and its unit."""
 FROM_ROBOT = ("plant", "controller.model")
 """Tables whose missing keys are filled in from the robot's table."""
-SSP_TYPES = {name: name for name in ("Real", "Boolean", "String", "Enumeration", "Binary")}
+SSP_TYPES = {name: name for name in ("Real", "Boolean", "String", "Enumeration", "Binary")} | {
+    "Float64": "Real", "Float32": "Real",
+}  # fmt: skip
 # some tools declare their outputs as local
 FOREIGN_KINDS: dict[str, ssp.ConnectorKind] = {
     "input": "input", "output": "output", "local": "output", "parameter": "parameter",
@@ -41,7 +43,6 @@ def origin(experiment: Experiment, key: str) -> str:
 
 
 def foreign_connectors(description: FmuDescription, variables: Sequence[Variable]) -> tuple[ConnectorUnit, ...]:
-    """Return the SSP connectors of a third-party FMU for some of its variables."""
     found = []
     for v in variables:
         kind, unit = _type(v), _unit(v, description)
@@ -63,12 +64,11 @@ def foreign_values(
     source: str,
     metadata: ssp.Metadata,
 ) -> ssp.ParameterSet:
-    """Return the SSP parameter set of a drive's FMU: its values before initialisation.
+    """Return the SSP parameter set of a drive's FMU, entry `source` of the archive: its values before initialisation.
 
     Args:
         table: table of the experiment with the FMU's parameters, "drive.parameters".
         settings: values in the FMU's own units.
-        source: entry of the archive.
     """
     facts = {variable.name: (_type(variable), _unit(variable, description)) for variable, _ in settings}
     units = unambiguous_units(unit for _, unit in facts.values())
@@ -99,7 +99,6 @@ def _type(variable: Variable) -> str:
 
 
 def _unit(variable: Variable, description: FmuDescription) -> ssp.UnitDefinition | None:
-    """Return the unit of an FMU variable for an SSP; None if not stated."""
     text = variable.unit
     if not text or _type(variable) != "Real":
         return None

@@ -67,6 +67,7 @@ _FIRST_KEYS = {
 """Keys per table that come first, as in FMUs of earlier builds; the others follow in memory order."""
 _TABLE_MODELS = {path: table for table, path in TABLE_PATHS.items()}
 Limits = tuple[float | None, float | None, float | None, float | None]
+"""Above, at least, below, at most; None where unlimited."""
 NO_LIMITS: Limits = (None, None, None, None)
 _FIXED_KEYS = {
     "plant": ("plant.substeps", "contact.law", "contact.shape"),
@@ -91,9 +92,7 @@ _FIXED_KEYS = {
 class Beginning:
     """A compiled function of an exported component that is called once before the first step.
 
-    Attributes:
-        step: the compiled function.
-        outputs: outputs of its own; empty if it writes the component's.
+    Its own outputs are empty if it writes the component's.
     """
 
     step: Any
@@ -102,11 +101,9 @@ class Beginning:
 
 @dataclass(frozen=True)
 class RobotPart:
-    """A part of the robot to export: components, connections, inputs.
+    """A part of the robot to export: components in the order of a tick, sampled ones first, with inner connections.
 
     Attributes:
-        components: in the order of a tick, sampled ones first.
-        feeds: inner connections.
         beginnings: initial functions by component.
         starts: name of each input port without an inner source -> its port and start values.
         start: position of the platform at the start (3,), m.
@@ -121,7 +118,6 @@ class RobotPart:
     start: Sequence[float]
 
     def component(self, name: str) -> NativeComponent | None:
-        """Return a component of the exported part by name; None if the part lacks it."""
         return next((component for component in self.components if component.name == name), None)
 
 
@@ -187,10 +183,7 @@ def _row_components(row: ComponentRow, build: Build) -> list[Component]:
 
 
 def _start_values(component: Component, port: Port, components: Sequence[Component], feeds: Feeds) -> np.ndarray:
-    """Return the values of an exported input at the start of the experiment, with the robot at rest.
-
-    0 without a source.
-    """
+    """Return the values of an exported input with the robot at rest at the start; 0 without a source."""
     values = np.zeros(port.size)
     for n in range(port.size):
         source = feeds.get(End(component.name, port.name, n))
@@ -219,12 +212,9 @@ def related_keys(fault: Fault) -> tuple[str, ...]:
 
 
 class Destination(NamedTuple):
-    """Place in an exported component's memory that a parameter is written to.
+    """Place in an exported component's memory that a parameter is written to: SI value / divisor * times.
 
-    Attributes:
-        component: component that owns the memory.
-        memory: target elements, one per value, or any number that share one value.
-        divisor, times: memory = SI value / divisor * times.
+    The memory has one element per value, or any number that share one value.
     """
 
     component: str
@@ -239,7 +229,6 @@ class OpenParameter(NamedTuple):
     Attributes:
         key: key of the file, e.g. `plant.k_s_Nm_per_rad`.
         unit: unit of the values; `text` as the file spells it.
-        limits: above, at least, below, at most; None where unlimited.
         tunable: whether it may change between two steps.
     """
 
@@ -322,10 +311,7 @@ def _numbers(part: RobotPart, component: NativeComponent) -> Destinations:
 
 
 def _is_open(part: RobotPart, record: str, path: str, name: str) -> bool:
-    """Whether a number can stay a parameter of the exported part.
-
-    The experiment must set it, and nothing may be precomputed from it.
-    """
+    """Whether a number can stay a parameter: the experiment sets it, and nothing is precomputed from it."""
     c, watched = part.experiment.controller, part.experiment.monitor
     table: Any = part.experiment
     for inner in path.split("."):
@@ -392,7 +378,6 @@ def fixed_keys(part: RobotPart, offered: Sequence[OpenParameter]) -> list[str]:
 
 
 def _is_stated_key(experiment: Experiment, key: str) -> bool:
-    """Whether the experiment sets a key, or has a table."""
     table, _, name = key.strip("[]").rpartition(".")
     value = stated_values(experiment, table).get(name)
     return bool(value) or value == 0

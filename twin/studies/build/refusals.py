@@ -34,7 +34,6 @@ def refuse_unbuildable(experiment: Experiment, name: str, wanted: Sequence[str])
 
 
 def _refuse_alone(name: str, kind: str) -> None:
-    """Refuse to export a fault that cannot be a component of its own."""
     if kind in FAULT_PLACES:
         owner = FAULT_PLACES[kind].component
         raise InputRefused(
@@ -45,7 +44,6 @@ def _refuse_alone(name: str, kind: str) -> None:
 
 
 def refuse_changes(experiment: Experiment, wanted: Sequence[str]) -> None:
-    """Refuse to export components that the experiment's [[change]] tables modify."""
     for change in experiment.changes:
         if TUNABLE_PLACES[change.key].component in wanted:
             raise InputRefused(
@@ -55,11 +53,7 @@ def refuse_changes(experiment: Experiment, wanted: Sequence[str]) -> None:
 
 
 def refuse_inner_faults(experiment: Experiment, name: str, wanted: Sequence[str], sound: Feeds, feeds: Feeds) -> None:
-    """Refuse to export a part with a fault between its own components.
-
-    Args:
-        sound, feeds: connections of all components without and with faults.
-    """
+    """Refuse to export a part with a fault between its own components; connections without and with faults."""
     instead = f"or build the sound {name} with --set fault=[]"
     for target, source in sound.items():
         if feeds[target] != source and {target.component, source.component} <= set(wanted):

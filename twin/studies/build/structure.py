@@ -9,23 +9,24 @@ from twin.kernel.ssp import structure as ssp
 from twin.robot.assembly.assemble import BRAKE_SOURCES, COMMAND_SOURCES, DRIVE_POWER_SOURCES, POWER_SOURCES
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.build.joint_drive import JointDrive, Socket
-from twin.studies.build.parameter_values import SSP_TYPES, ConnectorUnit, unambiguous_units
+from twin.studies.build.parameter_values import ConnectorUnit, unambiguous_units
 
 BUILD_NAMESPACE = "urn:twin:build"
 OPEN_MODELICA = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
 RECORDED_PACKAGES = ("twin", "numba", "llvmlite", "numpy")
+LINE_SOURCES = {
+    "omega_ref": COMMAND_SOURCES,
+    "power": POWER_SOURCES,
+    "drive_power": DRIVE_POWER_SOURCES,
+    "brake": BRAKE_SOURCES,
+}
 ET.register_namespace("twin", BUILD_NAMESPACE)
 ET.register_namespace("oms", OPEN_MODELICA)
 
 
 @dataclass(frozen=True)
 class Member:
-    """An element of an exported SSP system, with its FMU and description.
-
-    Attributes:
-        about: description in one sentence.
-        entry: archive path of its FMU.
-    """
+    """An element of an exported SSP system: archive path of its FMU, and a description in one sentence."""
 
     name: str
     about: str
@@ -43,9 +44,7 @@ def structure(
 ) -> ssp.Structure:
     """Return the complete SSP structure of the robot: elements, connectors, connections, annotations.
 
-    Args:
-        members: elements in the order of a Gauss-Seidel master.
-        hashes: SHA-256 by entry of the archive.
+    Members are in the order of a Gauss-Seidel master; hashes are SHA-256 by entry of the archive.
     """
     units = unambiguous_units(unit for member in members for _, unit in member.connectors)
     tick, duration = experiment.cosim.tick, experiment.duration_ticks * experiment.cosim.tick
@@ -84,13 +83,7 @@ def _component(member: Member, units: Mapping[str, ssp.UnitDefinition]) -> ssp.S
 def _connections(members: Sequence[Member], drives: Sequence[JointDrive]) -> Iterator[ssp.Connection]:
     ours = [member for member in members if not member.name.startswith("drive_")]
     given = {c.name: Socket(member.name, c.name) for member in ours for c, _ in member.connectors if c.kind == "output"}
-    lines = {
-        "omega_ref": COMMAND_SOURCES,
-        "enable": POWER_SOURCES,
-        "power": DRIVE_POWER_SOURCES,
-        "brake": BRAKE_SOURCES,
-    }
-    last = {name: _first_available(given, sources) for name, sources in lines.items()}
+    last = {name: _first_available(given, sources) for name, sources in LINE_SOURCES.items()}
     for member in ours:
         for connector, _ in member.connectors:
             if connector.kind == "input":
@@ -99,9 +92,9 @@ def _connections(members: Sequence[Member], drives: Sequence[JointDrive]) -> Ite
         for source, target in drive.connections:
             yield _connection(source, target)
         fed = {"omega_ref": f"{last['omega_ref']}[{number}]", "tau_load": f"plant.tau_load[{number}]"}
-        fed |= {"enable": last["enable"], "brake": last["brake"]}
-        if last["power"]:
-            fed["enable"] = fed["power"] = f"{last['power']}[{number}]"
+        fed |= {"enable": last["power"], "brake": last["brake"]}
+        if last["drive_power"]:
+            fed["enable"] = fed["power"] = f"{last['drive_power']}[{number}]"
         for port, sockets in drive.inputs.items():
             for socket in sockets:
                 yield _connection(given[fed[port]], socket)
@@ -113,21 +106,12 @@ def _feeding_socket(name: str, given: Mapping[str, Socket], drives: Sequence[Joi
     if port == "theta_m":
         return drives[int(number) - 1].theta_m
     # the bus itself reads the source before it in the list
-    lines = {
-        "omega_ref": COMMAND_SOURCES,
-        "power": POWER_SOURCES,
-        "drive_power": DRIVE_POWER_SOURCES,
-        "brake": BRAKE_SOURCES,
-    }
-    sources = ("plant.theta_l",) if port == "theta_l" else lines[port][1:]
+    sources = ("plant.theta_l",) if port == "theta_l" else LINE_SOURCES[port][1:]
     return given[_first_available(given, sources) + (f"[{number}]" if bracket else "")]
 
 
 def _first_available(given: Mapping[str, Socket], sources: Sequence[str]) -> str:
-    """Return the first of several sources that an exported part has, as a whole or by its elements.
-
-    "" if all are missing.
-    """
+    """Return the first of several sources that an exported part has, as a whole or by elements; "" without any."""
     return next((name for name in sources if name in given or f"{name}[1]" in given), "")
 
 
@@ -140,10 +124,7 @@ def _connection(source: Socket, target: Socket) -> ssp.Connection:
 
 
 def _fixed_steps(tick: float) -> str:
-    """Return the SSP annotation that asks OMSimulator for a fixed-step master.
-
-    SSP itself cannot express one.
-    """
+    """Return the SSP annotation that asks OMSimulator for a fixed-step master, which SSP itself cannot express."""
     root = ET.Element(f"{{{OPEN_MODELICA}}}Annotations")
     about = ET.SubElement(root, f"{{{OPEN_MODELICA}}}SimulationInformation")
     steps = {"description": "oms-ma", "stepSize": repr(tick), "absoluteTolerance": "1e-4", "relativeTolerance": "1e-4"}
@@ -161,6 +142,3 @@ def _provenance(experiment: Experiment, hashes: Mapping[str, str]) -> str:
     for package in RECORDED_PACKAGES:
         ET.SubElement(root, f"{{{BUILD_NAMESPACE}}}Software", name=package, version=version(package))
     return ET.tostring(root, encoding="unicode")
-
-
-SSP_TYPES |= {"Float64": "Real", "Float32": "Real"}

@@ -20,7 +20,7 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.run import without_folders
 from twin.studies.build.fmu import RESULTS_FOLDER, pack_fmu, part_description, readme
 from twin.studies.build.joint_drive import Element, JointDrive, travelling_drives
-from twin.studies.build.layout import ExportedVariable, Kind, layout_of
+from twin.studies.build.layout import CAUSALITY_BY_KIND, ExportedVariable, layout_of
 from twin.studies.build.linking import Platform, names_of, refuse_platform, select_platforms, summary
 from twin.studies.build.parameter_values import (
     ConnectorUnit,
@@ -33,9 +33,6 @@ from twin.studies.build.part import RobotPart, fixed_keys, open_parameters, part
 from twin.studies.build.structure import Member, structure
 from twin.studies.command import Answer
 
-KIND_CONNECTORS: dict[Kind, ssp.ConnectorKind] = {
-    "parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output",
-}  # fmt: skip
 _SCHEME_TEXTS = {
     "gauss_seidel": (
         "Step the elements one after the other in this order, and pass the outputs of each on at once (Gauss-Seidel): "
@@ -53,20 +50,15 @@ COMPUTER_PART, BUS_PART, PLANT_PART = "computer", "bus", "plant"
 
 
 def own_connectors(variables: Sequence[ExportedVariable]) -> tuple[ConnectorUnit, ...]:
-    """Return the SSP connectors for the scalar variables of one of twin's own parts."""
     return tuple(
-        (ssp.Connector(v.name, KIND_CONNECTORS[v.kind], "Real", v.text, (), v.meaning), _unit(v)) for v in variables
+        (ssp.Connector(v.name, CAUSALITY_BY_KIND[v.kind], "Real", v.text, (), v.meaning), _unit(v)) for v in variables
     )
 
 
 def own_values(
     experiment: Experiment, name: str, variables: Sequence[ExportedVariable], source: str, metadata: ssp.Metadata
 ) -> ssp.ParameterSet:
-    """Return the SSP parameter set of one of twin's own parts, with the source of each value.
-
-    Args:
-        source: entry of the archive.
-    """
+    """Return the parameter set of one of twin's own parts, archive entry `source`, with the origin of each value."""
     given = [v for v in variables if v.kind in ("parameter", "tunable")]
     values = [
         ssp.ParameterValue(v.name, "Real", v.start, v.text, origin(experiment, re.sub(r"\[\d+\]$", "", v.name)))
@@ -87,7 +79,6 @@ def system_readme(
     hashes: Mapping[str, str],
     platforms: Sequence[Platform],
 ) -> str:
-    """Return the README of an exported SSP archive."""
     cosim = experiment.cosim
     lines = [
         f"# {experiment.name}",
@@ -141,10 +132,7 @@ def build_ssp(
 ) -> Answer:
     """Write the robot of an experiment as an SSP archive: drives as delivered, computer and plant as twin's own FMUs.
 
-    Args:
-        fmi: FMI version of twin's own FMUs, "2.0" or "3.0"; arrays are scalars in both, as SSP 1.0 has no arrays.
-        platforms: target platforms apart from x86-64 Linux, as FMI 3.0 names them.
-        out: path of the archive; None for results/build/EXPERIMENT/EXPERIMENT.ssp.
+    Options as in `twin build`. Arrays are scalars in all FMUs, as SSP 1.0 has no arrays.
     """
     targets = select_platforms(platforms, fmi)
     loaded = load_experiment(experiment, settings, drive)
@@ -234,11 +222,9 @@ class _ArchiveBuilder:
 
     @property
     def hashes(self) -> dict[str, str]:
-        """SHA-256 of the archive's files so far, by entry."""
         return {entry: hashlib.sha256(content).hexdigest() for entry, content in sorted(self._files.items())}
 
     def add_part(self, part: RobotPart) -> None:
-        """Add one of twin's own parts to the SSP archive: its FMU and its values."""
         name, offered = part.name, open_parameters(part)
         layout = layout_of(part, offered)
         # SSP 1.0 has no arrays
@@ -246,51 +232,30 @@ class _ArchiveBuilder:
         description, closed = part_description(part), fixed_keys(part, offered)
         text = readme(part, layout, closed, self._platforms)
         entry = f"resources/{name}.fmu"
-        self._files[entry] = pack_fmu(
-            part,
-            layout,
-            self._fmi,
-            self._platforms,
-            description,
-            text,
-            self._wanted,
-            lambda what: self._say(f"{name}: {what}"),
-        )
+
+        def say(what: str) -> None:
+            self._say(f"{name}: {what}")
+
+        self._files[entry] = pack_fmu(part, layout, self._fmi, self._platforms, description, text, self._wanted, say)
         values = own_values(self._experiment, name, layout.variables, f"resources/{name}.ssv", self._metadata)
         self._add(Member(name, description, entry, own_connectors(layout.variables), values))
 
     def add_element(self, number: int, element: Element) -> None:
-        """Add an element of the drive of one joint to the SSP archive."""
         if not isinstance(element.content, FmuDescription):
-            component, starts = element.content, iter(element.starts)
-            inputs = {port.name: (port, np.array([next(starts)])) for port in component.inputs}
-            at = self._experiment.start
+            component, at = element.content, self._experiment.start
+            starts = zip(component.inputs, element.starts, strict=True)
+            inputs = {port.name: (port, np.array([start])) for port, start in starts}
             self.add_part(RobotPart(element.name, self._experiment, (component,), {}, {}, inputs, at))
             return
         fmu = element.content
         by_name = {variable.name: variable for variable in (*element.variables, *(v for v, _ in element.settings))}
-        values = foreign_values(
-            self._experiment,
-            element.name,
-            _table(self._experiment, number, element.part),
-            fmu,
-            element.settings,
-            f"resources/{element.name}.ssv",
-            self._metadata,
-        )
+        table, source = _table(self._experiment, number, element.part), f"resources/{element.name}.ssv"
+        values = foreign_values(self._experiment, element.name, table, fmu, element.settings, source, self._metadata)
         description = f"joint {number}: {fmu.model.description or fmu.model.modelName}"
-        self._add(
-            Member(
-                element.name,
-                description,
-                self._foreign_entry(fmu),
-                foreign_connectors(fmu, list(by_name.values())),
-                values,
-            )
-        )
+        connectors = foreign_connectors(fmu, list(by_name.values()))
+        self._add(Member(element.name, description, self._foreign_entry(fmu), connectors, values))
 
     def pack_archive(self, drives: Sequence[JointDrive]) -> bytes:
-        """Return the SSP archive of all files, with structure and README."""
         experiment = self._experiment
         facts = {
             "name": experiment.name,

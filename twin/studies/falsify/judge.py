@@ -28,7 +28,7 @@ from twin.studies.falsify.space import EarlyEnd, Requirement, Space, TriedFault,
 from twin.studies.faults.offsets import NO_OFFSET
 from twin.studies.faults.onsets import FORCE_SIGNAL, PLACE_SIGNAL, default_onsets
 from twin.studies.metrics.requirement import checked_requirement
-from twin.studies.sweep.measures import RunFinding
+from twin.studies.sweep.measures import run_fields
 from twin.studies.sweep.plan import Task
 
 MAX_PASTS = 8
@@ -42,7 +42,7 @@ def _runs(signals: frozenset[str], most: int) -> Runs:
     return Runs(RunRequest(signals, check=refuse_unknown), after=1, most=most)
 
 
-def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
+def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> dict[str, Any]:
     """Run the experiment file `settings[0]`; return the distance from violating each requirement as "NAME.distance".
 
     A failed component ends the run; requirements are judged until then. The finding has more: "trip", the tick of the
@@ -74,9 +74,9 @@ def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: st
     # an internal error costs this run only, as in a sweep
     except Exception as problem:
         status = "refused" if isinstance(problem, InputRefused) else "failed"
-        return RunFinding(status, str(problem), {}, time.perf_counter() - began, 0.0)
+        return run_fields(status, str(problem), {}, time.perf_counter() - began, 0.0)
     more = {"onsets": onsets, "trip": ended.trip.tick if ended.trip else None}
-    return RunFinding(ended.status, ended.reason, found, time.perf_counter() - began, ended.stepping, more)
+    return run_fields(ended.status, ended.reason, found, time.perf_counter() - began, ended.stepping, **more)
 
 
 @dataclass

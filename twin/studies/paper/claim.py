@@ -83,10 +83,6 @@ class ClaimFinding:
             return "never"
         return f"{self.value:.{self.claim.digits}f} {self.claim.unit}".rstrip()
 
-    @property
-    def bounds_text(self) -> str:
-        return self.claim.bounds_text
-
 
 def judge_claim(claim: Claim, runs: Any) -> ClaimFinding:
     """Judge a claim of the paper on runs; it is not scored if the runs lack a series that it needs."""
@@ -106,16 +102,8 @@ def judge_claim(claim: Claim, runs: Any) -> ClaimFinding:
     return ClaimFinding(claim, value, "holds" if holds else "fails", "")
 
 
-def failed_keys(findings: Iterable[ClaimFinding]) -> list[str]:
-    return keys_with_verdict(findings, "fails")
-
-
 def keys_with_verdict(findings: Iterable[ClaimFinding], verdict: Verdict) -> list[str]:
     return [f.claim.key for f in findings if f.verdict == verdict]
-
-
-def unscored_keys(findings: Iterable[ClaimFinding]) -> list[str]:
-    return keys_with_verdict(findings, "not scored")
 
 
 def tally(findings: Iterable[ClaimFinding]) -> tuple[int, int]:
@@ -127,11 +115,8 @@ def tally(findings: Iterable[ClaimFinding]) -> tuple[int, int]:
 
 def standing_text(findings: Sequence[ClaimFinding], name: str) -> str:
     """Summarise verdicts on claims: `25 of 31 claims of the paper's text hold, 5 not reproduced, 1 fails`."""
-    (held, judged), missed, failing = (
-        tally(findings),
-        keys_with_verdict(findings, "not reproduced"),
-        failed_keys(findings),
-    )
+    held, judged = tally(findings)
+    missed, failing = (keys_with_verdict(findings, verdict) for verdict in ("not reproduced", "fails"))
     lost = f", {len(failing)} {'fails' if len(failing) == 1 else 'fail'}" if failing and missed else ""
     return f"{held} of {judged} {name} hold" + (f", {len(missed)} not reproduced" if missed else "") + lost
 
@@ -139,9 +124,7 @@ def standing_text(findings: Sequence[ClaimFinding], name: str) -> str:
 def bound_usage(finding: ClaimFinding) -> float:
     """Return the share of its bound that a claim's measured value uses: 1 is at the bound, more fails.
 
-    Between two bounds, 0 is in the middle.
-
-    Claims with a lower bound alone have no scale and give 0 or infinity.
+    Between two bounds, 0 is in the middle. Claims with a lower bound alone have no scale and give 0 or infinity.
     """
     low, high, value = finding.claim.low, finding.claim.high, finding.value
     if not math.isfinite(value):

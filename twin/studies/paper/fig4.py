@@ -14,11 +14,10 @@ from twin.studies.paper.claim import (
     Claim,
     ClaimFinding,
     KnownMiss,
-    failed_keys,
+    Verdict,
     judge_claim,
     keys_with_verdict,
     tally,
-    unscored_keys,
 )
 from twin.studies.paper.fig4_measures import Fig4Runs, in_x, while_sweeping
 
@@ -249,12 +248,10 @@ class Fig4Score:
     """Score of runs on the claims of Fig. 4.
 
     Attributes:
-        claims: claims of the paper, judged on estimates.
-        quality: our own claims, judged on the truth.
+        claims, quality: claims of the paper, judged on estimates; our own claims, judged on the truth.
         tuned: parameters tuned to meet the text, key -> source.
         without_x: why the forces in x are not judged, or "".
         missing: run -> series that claims need and the run lacks.
-        out_of_scope: results of the paper that the model cannot produce.
     """
 
     claims: tuple[ClaimFinding, ...]
@@ -270,22 +267,14 @@ class Fig4Score:
         "tuned out_of_scope"
     )
 
-    @property
-    def failed_keys(self) -> list[str]:
-        """Keys of the claims of Fig. 4 that fail."""
-        return failed_keys((*self.claims, *self.quality))
+    def keys(self, verdict: Verdict) -> list[str]:
+        """Return the keys of all claims with a verdict, the paper's before our own."""
+        return keys_with_verdict((*self.claims, *self.quality), verdict)
 
-    @property
-    def not_reproduced_keys(self) -> list[str]:
-        return keys_with_verdict((*self.claims, *self.quality), "not reproduced")
-
-    @property
-    def reproduced_keys(self) -> list[str]:
-        return keys_with_verdict((*self.claims, *self.quality), "reproduced after all")
-
-    @property
-    def unscored_keys(self) -> list[str]:
-        return unscored_keys((*self.claims, *self.quality))
+    failed_keys = property(lambda score: score.keys("fails"))
+    not_reproduced_keys = property(lambda score: score.keys("not reproduced"))
+    reproduced_keys = property(lambda score: score.keys("reproduced after all"))
+    unscored_keys = property(lambda score: score.keys("not scored"))
 
     @property
     def counts(self) -> tuple[int, int]:

@@ -116,21 +116,15 @@ class Fig4Run:
         return bool(y[0] - y[-1] >= MIN_SWEEP)
 
     def controller_window(self, start: float, end: float) -> np.ndarray:
-        """Return the mask of the controller's samples from `start` to `end` (s)."""
         return window_mask(self.t, start, end)
 
     def plant_window(self, start: float, end: float) -> np.ndarray:
-        """Return the mask of the plant's samples from `start` to `end` (s)."""
         return window_mask(self.t_plant, start, end)
 
 
 @dataclass(frozen=True)
 class Fig4Runs:
-    """The force-position run and the position-only run of Fig. 4.
-
-    Attributes:
-        imperfect: the same two runs of an asymmetrical robot and scale, for the forces in x; None to leave these out.
-    """
+    """The force-position and the position-only run of Fig. 4; for the forces in x those of an asymmetrical robot."""
 
     force_position: Fig4Run
     position: Fig4Run
@@ -170,14 +164,7 @@ class Fig4Runs:
 
 
 def fig4_runs(force_position: Recording, position: Recording, *imperfect: Recording) -> Fig4Runs:
-    """Check the recordings of Fig. 4 and combine them.
-
-    Args:
-        imperfect: the two runs of fig4_imperfect.toml and fig4_imperfect_position.toml; may be left out.
-
-    Raises:
-        InputRefused: see `checked_run`; or the recordings are in the wrong order.
-    """
+    """Check the recordings of Fig. 4 and combine them; `imperfect`: the two runs of an asymmetrical robot, or none."""
     pairs = [(force_position, position), *([(imperfect[0], imperfect[1])] if imperfect else [])]
     ideal, *others = [_checked_pair(*pair) for pair in pairs]
     return Fig4Runs(*ideal, *others)
@@ -234,9 +221,6 @@ def _ratio(a: float, b: float) -> float:
     return a / b
 
 
-# the path over the scale
-
-
 def end_error(runs: Fig4Runs) -> float:
     """Measure the platform's largest distance from the ends of the sweep, before and after it, over both runs (m)."""
     missed = [
@@ -266,9 +250,6 @@ def off_line(runs: Fig4Runs) -> float:
         for run in (runs.force_position, runs.position)
         for on in (run.controller_window(*SWEEP_WINDOW),)
     )
-
-
-# the trigger
 
 
 def force_at_trigger(runs: Fig4Runs) -> float:
@@ -314,9 +295,6 @@ def early_trigger(runs: Fig4Runs) -> float:
     return max(0.0, lead) if math.isfinite(lead) else math.nan
 
 
-# whole curves
-
-
 def _worst_part(run: Fig4Run, apart: Curve) -> float:
     """Return the mean absolute value of a curve (m) in the part of the run where that mean is largest."""
     return max(float(np.mean(np.abs(apart[run.controller_window(*part)]))) for part in CURVE_PARTS)
@@ -358,9 +336,6 @@ def rise_share(runs: Fig4Runs) -> float:
     blocks = np.floor((run.t[on] - start) / JUMP_WINDOW + TIME_ROUNDING).astype(int)
     change = np.diff(np.bincount(blocks, run.F_z[on]) / np.bincount(blocks))
     return _ratio(float(np.sum(change[change > 0.0])), float(np.sum(np.abs(change))))
-
-
-# position and force while sweeping
 
 
 def force_error(run: Fig4Run) -> float:
@@ -409,9 +384,6 @@ def x_share(runs: Fig4Runs) -> float:
     return max(_ratio(friction(run, 0), friction(run, 1)) for run in (runs.force_position, runs.position))
 
 
-# the scale
-
-
 def disproportion(runs: Fig4Runs) -> float:
     """Largest distance of the scale's reading from a straight line over the depth, as a share of its final value.
 
@@ -437,9 +409,6 @@ def force_range(runs: Fig4Runs) -> float:
     return float(np.ptp(run.scale_F_z[window_mask(run.t_scale, *SWEEP_WINDOW)]))
 
 
-# the fluctuation
-
-
 def fluctuation(run: Fig4Run) -> tuple[float, float]:
     """(time, size) of the single sudden change of the force (s, N); nan if no change exceeds the noise."""
     on = run.controller_window(*SWEEP_WINDOW)
@@ -455,9 +424,6 @@ def force_after_fluctuation(runs: Fig4Runs) -> float:
     """Largest error of the force around the fluctuation (N)."""
     run = runs.force_position
     return float(np.max(np.abs(run.F_z[run.controller_window(*FLUCTUATION_WINDOW)] - run.F_z_ref)))
-
-
-# the truth
 
 
 def true_force_error(runs: Fig4Runs) -> float:

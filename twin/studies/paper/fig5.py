@@ -14,7 +14,7 @@ from twin.kernel.recording.reader import Recording
 from twin.robot.controller.program import PhaseKind, Press, Push, Roll, Tap, Task
 from twin.studies.metrics.response import overshoot, rms
 from twin.studies.paper import fig5_measures as measure
-from twin.studies.paper.claim import Claim, ClaimFinding, failed_keys, judge_claim
+from twin.studies.paper.claim import Claim, ClaimFinding, judge_claim, keys_with_verdict
 from twin.studies.paper.task_run import Mask, TaskRun, body_of, drive_of, task_runs, trip_sentence
 
 PRESS_DOWN = "goes down gently"
@@ -209,7 +209,7 @@ class TaskScore:
 
     @property
     def failed_keys(self) -> list[str]:
-        return failed_keys(self.findings)
+        return keys_with_verdict(self.findings, "fails")
 
 
 @dataclass(frozen=True)
@@ -228,11 +228,10 @@ class Fig5Score:
     @property
     def failed_keys(self) -> list[str]:
         """Keys of the claims of Fig. 5 that fail for any task, each once."""
-        return list(dict.fromkeys(failed_keys(self.findings)))
+        return list(dict.fromkeys(keys_with_verdict(self.findings, "fails")))
 
 
 def fig5_score(recordings: Sequence[Recording]) -> Fig5Score:
-    """Judge every massage task of the recordings on the claims of Fig. 5."""
     tasks = [score for recording in recordings for score in _task_scores(recording)]
     remarks = [text for recording in recordings for text in (trip_sentence(recording), recording.note) if text]
     return Fig5Score(tuple(tasks), tuple(remarks))
@@ -255,9 +254,8 @@ def _task_scores(recording: Recording) -> list[TaskScore]:
     for run in runs:
         findings = tuple(judge_claim(claim, run) for claim in TASK_CLAIMS[run.task.kind])
         number = f" {run.number}" if len(runs) > 1 else ""
-        scores.append(
-            TaskScore(recording.path, run, drive, body, f"{run.task.kind}{number}", manner(run.task), findings)
-        )
+        name = f"{run.task.kind}{number}"
+        scores.append(TaskScore(recording.path, run, drive, body, name, manner(run.task), findings))
     return scores
 
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from itertools import product
+from itertools import combinations, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -71,35 +71,19 @@ def draw_fig5(score: Fig5Score, path: Path) -> None:
                 axes.tick_params(labelsize=8)
         found = [axes.get_legend_handles_labels() for axes in figure.axes]
         marks = {label: mark for marks, labels in found for mark, label in zip(marks, labels, strict=True)}
-        figure.legend(
-            marks.values(),
-            marks.keys(),
-            loc="lower center",
-            ncols=min(len(marks), LEGEND_COLUMNS * len(shown)),
-            fontsize=9,
-        )
+        columns = min(len(marks), LEGEND_COLUMNS * len(shown))
+        figure.legend(marks.values(), marks.keys(), loc="lower center", ncols=columns, fontsize=9)
 
 
 def _draw_height(axes: Axes, run: TaskRun) -> None:
     seen = seen_part(run)
     t = run.t[seen]
-    with suppress(UnknownSeries):
-        axes.plot(
-            t,
-            1e3 * run.controller_series("p_cmd_B")[seen, 2],
-            color=SHIFTED_COLOR,
-            lw=1.6,
-            label="after the force loop",
-        )
-    with suppress(UnknownSeries):
-        axes.plot(
-            t,
-            1e3 * run.controller_series("p_ref_B")[seen, 2],
-            color=REFERENCE_COLOR,
-            lw=1.6,
-            ls="--",
-            label="reference",
-        )
+    for name, color, style, label in (
+        ("p_cmd_B", SHIFTED_COLOR, "-", "after the force loop"),
+        ("p_ref_B", REFERENCE_COLOR, "--", "reference"),
+    ):
+        with suppress(UnknownSeries):
+            axes.plot(t, 1e3 * run.controller_series(name)[seen, 2], color=color, lw=1.6, ls=style, label=label)
     axes.plot(t, 1e3 * run.p_B[seen, 2], color=TRUTH_COLOR, lw=1.2, label="true")
     axes.set(xlabel="time (s)", ylabel="z (mm)", xlim=(t[0], t[-1]))
 
@@ -111,10 +95,9 @@ def _draw_circle(axes: Axes, run: TaskRun) -> None:
     axes.plot(x, y, color="#bbbbbb", lw=0.8)
     axes.plot(*(1e3 * run.p_B[run.full_turns, i] for i in (0, 1)), color=TRACE_COLOR, lw=1.6, label="trace under force")
     axes.add_patch(_ring(run.task, 1.0, color=REFERENCE_COLOR, lw=1.6, ls="--", label="reference"))
-    for bound in (bound_of("radius").low, bound_of("radius").high):
-        axes.add_patch(
-            _ring(run.task, bound / bound_of("radius").scale, color=REFERENCE_COLOR, lw=1.0, ls=":", label="bound")
-        )
+    claim = bound_of("radius")
+    for bound in (claim.low, claim.high):
+        axes.add_patch(_ring(run.task, bound / claim.scale, color=REFERENCE_COLOR, lw=1.0, ls=":", label="bound"))
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
     axes.set_aspect("equal", adjustable="datalim")
 
@@ -219,24 +202,16 @@ def _height(run: TaskRun) -> float:
 
 
 def _draw_box(axes: "Axes3D", bottom: float) -> None:
-    corners = np.array(
-        list(product((-BOX_HALF_WIDTH, BOX_HALF_WIDTH), (-BOX_HALF_WIDTH, BOX_HALF_WIDTH), (bottom, BOX_TOP)))
-    )
-    for i, a in enumerate(corners):
-        for b in corners[i + 1 :]:
-            if np.count_nonzero(a != b) == 1:
-                axes.plot(*np.transpose([a, b]), color="black", lw=0.9, zorder=1, clip_on=False)
+    sides = (-BOX_HALF_WIDTH, BOX_HALF_WIDTH)
+    for a, b in combinations(product(sides, sides, (bottom, BOX_TOP)), 2):
+        if np.count_nonzero(np.not_equal(a, b)) == 1:
+            axes.plot(*np.transpose([a, b]), color="black", lw=0.9, zorder=1, clip_on=False)
 
 
 def _draw_surface(axes: "Axes3D", height: float) -> None:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    corners = [
-        (-BOX_HALF_WIDTH, -BOX_HALF_WIDTH, height),
-        (BOX_HALF_WIDTH, -BOX_HALF_WIDTH, height),
-        (BOX_HALF_WIDTH, BOX_HALF_WIDTH, height),
-        (-BOX_HALF_WIDTH, BOX_HALF_WIDTH, height),
-    ]
+    corners = [(x * BOX_HALF_WIDTH, y * BOX_HALF_WIDTH, height) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     axes.add_collection3d(Poly3DCollection([corners], facecolor=SURFACE_COLOR, alpha=0.6, edgecolor="none", zorder=0))
 
 

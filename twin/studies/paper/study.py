@@ -29,7 +29,6 @@ RESULTS_FOLDER = Path("results")
 
 
 def fig4_result(score: Fig4Score) -> Result:
-    """Return the report on Fig. 4: the claims of the paper, then our own on the true force."""
     lines: list[Block] = []
     if score.unscored_keys:
         lines += [f"Not scored: {count_text(len(score.unscored_keys), 'claim')}, marked ?, whose series a run lacks:"]
@@ -71,15 +70,9 @@ def _table(tasks: Sequence[fig5.TaskScore]) -> list[Block]:
     cells = [
         [drive, body, *(_cell(kinds.get(kind, [])) for kind in TASK_KINDS)] for (drive, body), kinds in rows.items()
     ]
-    columns = [
-        Column("drive", 18, ".18s", left=True),
-        Column("body", 9, ".9s", left=True),
-        *(Column(kind, 12) for kind in TASK_KINDS),
-    ]
-    return [
-        Table(columns, cells, indent=0),
-        "Claims held/judged, and how much of its bound the worst measure takes.",
-    ]
+    names = Column("drive", 18, ".18s", left=True), Column("body", 9, ".9s", left=True)
+    table = Table([*names, *(Column(kind, 12) for kind in TASK_KINDS)], cells, indent=0)
+    return [table, "Claims held/judged, and how much of its bound the worst measure takes."]
 
 
 def _cell(findings: Sequence[ClaimFinding]) -> str:
@@ -105,7 +98,9 @@ def _failures(tasks: Sequence[fig5.TaskScore]) -> list[str]:
             names = list(dict.fromkeys(drive for drive, _ in failing))
             who = "every drive" if len(names) == len(drives) else ", ".join(names)
             place = f"FAIL {body:8.8} {kind:5} {key:14} {len(failing):>2} of {len(found):<2}"
-            lines += [f"{place} {_range([finding for _, finding in failing]):>18} {failing[0][1].bounds_text:>11}"]
+            lines += [
+                f"{place} {_range([finding for _, finding in failing]):>18} {failing[0][1].claim.bounds_text:>11}"
+            ]
             lines += [f"       {who}"]
     return lines
 
@@ -122,7 +117,7 @@ def _claims_table(findings: Iterable[ClaimFinding]) -> Table:
     rows: list[Row] = []
     reasons: set[str] = set()
     for f in findings:
-        rows.append((VERDICT_MARKS[f.verdict], f.claim.text, f.measured_text, f.bounds_text))
+        rows.append((VERDICT_MARKS[f.verdict], f.claim.text, f.measured_text, f.claim.bounds_text))
         if f.reason:
             rows.append(Note("for the same reason" if f.reason in reasons else f.reason, " " * 7, later=9))
         reasons.add(f.reason)
@@ -135,22 +130,19 @@ def _two_columns(left: str, right: str) -> str:
 
 def _result(lines: Sequence[Block], facts: Mapping[str, object], holds: bool) -> Result:
     """Return the report of a score with the first line as the answer; wide lines are folded."""
-    first, *others = [_fold_line(line) if isinstance(line, str) and len(line) > TEXT_WIDTH else line for line in lines]
+    first, *others = [
+        Note(line, later=len(line) - len(line.lstrip()) + 2)
+        if isinstance(line, str) and len(line) > TEXT_WIDTH
+        else line
+        for line in lines
+    ]
     return Result(first, others, facts, exit_code=0 if holds else 1)
 
 
-def _fold_line(line: str) -> Note:
-    return Note(line, later=len(line) - len(line.lstrip()) + 2)
-
-
 def score_fig4(paths: Sequence[Path], out: Path | None) -> Result:
-    """Score recordings on the claims of Fig. 4, and write report files to `out`.
+    """Score two or four recordings, as `FIG4_EXPERIMENTS` or the latest of these, on Fig. 4; write files to `out`.
 
     Exit code 1: a claim fails, or cannot be scored because a run lacks a series.
-
-    Args:
-        paths: two or four runs in the order of `FIG4_EXPERIMENTS`; empty for the latest in results/.
-        out: folder; None for results/fig4.
     """
     paths = paths or _latest("fig4")
     if len(paths) not in (2, 4):
@@ -168,13 +160,9 @@ def score_fig4(paths: Sequence[Path], out: Path | None) -> Result:
 
 
 def score_fig5(paths: Sequence[Path], out: Path | None) -> Result:
-    """Score recordings on the claims of Fig. 5, and write report files to `out`.
+    """Score runs of tasks, or the latest of `FIG5_EXPERIMENTS`, on the claims of Fig. 5; write report files to `out`.
 
     Exit code 1: a claim fails.
-
-    Args:
-        paths: runs of tasks; empty for the latest of `FIG5_EXPERIMENTS` in results/.
-        out: folder; None for results/fig5.
     """
     recordings = _recordings(paths or _latest("fig5"))
     score = fig5.fig5_score(recordings)

@@ -33,15 +33,8 @@ def _cached_curve(of: "Callable[[TaskRun], response.Curve]") -> "cached_property
 class TaskRun:
     """One massage task of a run as curves, from its first phase to its last; empty if the run never reached it.
 
-    Curves are (n,) or (n, 3), SI, at the plant's ticks `t`. The controller's curves are held between its samples, as
-    its commands are.
-
-    Attributes:
-        number: index of the task in the run, from 1.
-        task: requested values, SI.
-        F_z: true pressing force (N).
-        p_B: true position of the platform (m).
-        v_z: its vertical speed upwards (m/s).
+    Curves are (n,) or (n, 3), SI, at the plant's ticks `t`: true pressing force, position and vertical speed upwards.
+    The controller's curves are held between its samples, as its commands are. Tasks have numbers from 1.
     """
 
     recording: RunView

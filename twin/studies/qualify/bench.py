@@ -96,11 +96,8 @@ def _variables_by_causality(fmu: "FmuDescription | EnclosedSystem") -> dict[str,
 class Response:
     """Response of a drive on the bench, one sample per tick, all (ticks,).
 
-    Attributes:
-        omega_ref, omega_m: commanded and actual motor speed (rad/s).
-        tau_load: load (N m).
-        theta_m: motor angle (rad).
-        cost: wall time in the drive's steps, per tick (s).
+    Speeds are in rad/s, the load in N m, the motor angle in rad; `cost` is the wall time in the drive's steps, per
+    tick (s).
     """
 
     t: Curve
@@ -121,12 +118,11 @@ class Response:
         return float(t @ (self.theta_m[part] - self.theta_m[part.start]) / (t @ t))
 
 
-TickListener = Callable[[int, float], None]
-_tick_listeners: list[TickListener] = []
+_tick_listeners: list[Callable[[int, float], None]] = []
 
 
 @contextmanager
-def reporting_ticks(hear: TickListener) -> Iterator[None]:
+def reporting_ticks(hear: Callable[[int, float], None]) -> Iterator[None]:
     """Call `hear` during the block with the number of completed ticks and their wall time (s)."""
     _tick_listeners.append(hear)
     try:
@@ -139,10 +135,8 @@ def reporting_ticks(hear: TickListener) -> Iterator[None]:
 def on_bench(plan: DrivePlan, tick: float, inputs: Curve) -> Iterator[System]:
     """Yield a test bench: a system of a drive and a component that plays back command and load.
 
-    Args:
-        plan: drive; all axes of a three-axis drive get the same command and load.
-        tick: communication step (s).
-        inputs: commanded speed (rad/s) and load (N m), held from tick to tick, (ticks, 2).
+    All axes of a three-axis drive get the same `inputs` (ticks, 2): commanded speed (rad/s) and load (N m), held from
+    tick to tick (s).
     """
     ports = tuple(replace(port, size=plan.axes) for port in (OMEGA_REF, LOAD_ROLE.port))
     signals = playback(ports, np.repeat(inputs, plan.axes, axis=1))
@@ -169,7 +163,6 @@ def response(
         enough: function of the angles so far (ticks,), called every half second; True ends the run early.
 
     Raises:
-        InputRefused: the drive cannot be loaded or initialised, or refuses a tick of `TICK`.
         ComponentFailed: the drive returned an error, NaN, infinity, or a motion beyond `MAX_MOTION`.
     """
     with on_bench(plan, TICK, np.column_stack([omega_ref, tau_load])) as system:
@@ -239,12 +232,11 @@ class Inputs:
 
 @dataclass(frozen=True)
 class PartCalls:
-    """Outputs and cost of a series of calls of a robot part.
+    """Outputs of a series of calls of a robot part, and wall time per call (s).
 
     Attributes:
         rows: outputs (calls, outputs); fewer calls than inputs if one failed, or they took too long.
         failure: error of the call after the last row, as the verb phrase of a sentence; "" if all calls succeeded.
-        cost: wall time per call (s).
     """
 
     rows: NDArray[np.float64]

@@ -7,21 +7,19 @@ so paired differences reveal effects hidden in unpaired runs.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from twin.kernel.cosim.observers import simulate
-from twin.kernel.errors import ComponentFailed
 from twin.kernel.serialise import to_dict
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment, with_plant
-from twin.robot.run.hold import SETTLING_BAND, UNDER_FORCE, HoldRequest
-from twin.robot.run.measures import Values, missing_measures, with_units
-from twin.robot.run.outcome import Tally
-from twin.robot.run.runs import RunRequest, Runs
+from twin.robot.run.hold import SETTLING_BAND, UNDER_FORCE
+from twin.robot.run.measures import Values, with_units
+from twin.robot.run.runs import Outcome, RunRequest, Runs
 from twin.robot.run.trace import Trace
 from twin.studies.command import Say, Steps, ignore_progress
 from twin.studies.figure import BLUE, GREEN, GREY, INK, ORANGE, PINK, SKY, VERMILION, picture
@@ -75,10 +73,9 @@ CLOSE_UP = 2.5
 
 
 class TrueRun:
-    """True signals of a robot's run at every tick, for the comparison of drives.
+    """True signals of a robot's run at every tick, (ticks,), for the comparison of drives.
 
     Attributes:
-        t: time (s), (ticks,) like all others.
         F_z, F_z_ref: true pressing force, and its reference while the force loop is on (N).
         z, z_ref: true height of the platform, and its reference (m): pre-defined, i.e. before the force loop shifts it;
             in tasks after the shift.
@@ -148,12 +145,8 @@ class TrueRun:
     def _approach_measures(self, start: float, y: Curve, target: float) -> tuple[Measure, Measure]:
         after = self.t >= start
         settled = settling_time(self.t[after], y[after], target, SETTLING_BAND * target) - start
-        return (
-            Measure("settling_time", settled)
-            if np.isfinite(settled)
-            else Measure("settling_time", None, "not in this run"),
-            Measure("overshoot", 100.0 * overshoot(y[after], target)),
-        )
+        found = (settled,) if np.isfinite(settled) else (None, "not in this run")
+        return Measure("settling_time", *found), Measure("overshoot", 100.0 * overshoot(y[after], target))
 
 
 def _output_measure(name: str, value: float | None) -> Measure:
@@ -161,30 +154,51 @@ def _output_measure(name: str, value: float | None) -> Measure:
 
 
 @dataclass(frozen=True)
-class DriveTrial:
-    """Results of one of the compared drives in the experiment.
+class ComparedDrive:
+    """The run of an experiment with one of the compared drives, and its paired runs.
 
-    Attributes:
-        run: true signals, up to the failure if there was one.
-        failure: error that ended the run early; empty if it completed.
-        repeats: measures of the paired runs, in the order of `PAIRED_SEEDS`; empty if one of them failed or tripped.
+    The paired runs are in the order of `PAIRED_SEEDS`, up to the first that failed or tripped.
     """
 
     name: str
-    run: TrueRun
-    measures: tuple[Measure, ...]
-    values: Values
-    failure: str = ""
-    repeats: tuple[Values, ...] = ()
-    unjudged: str = ""
+    done: Outcome
+    paired: Sequence[Outcome] = ()
+
+    @cached_property
+    def run(self) -> TrueRun:
+        """True signals of the unchanged experiment, up to the failure if there was one."""
+        assert self.done.trace is not None
+        return TrueRun(self.done.trace)
+
+    @cached_property
+    def measures(self) -> tuple[Measure, ...]:
+        if self.done.failure:
+            return tuple(Measure(measure, None, "the run failed") for measure in COMPARED_MEASURES)
+        return self.run.measures(sum(cost for name, cost in self.done.costs.items() if name.startswith("drive")))
+
+    @property
+    def failure(self) -> str:
+        """Error that ended one of the runs early; empty if all completed."""
+        return next((one.reason for one in (self.done, *self.paired) if one.failure), "")
+
+    @property
+    def repeats(self) -> list[Values]:
+        """Measures of the paired runs; empty if one of them failed or tripped."""
+        return [] if any(one.reason for one in self.paired) else [one.measures for one in self.paired]
+
+    def exclusion_reason(self, experiment: str) -> str:
+        """Return what a paired run did that rules out a judgement in the experiment; "" if all completed."""
+        for seed, one in zip(PAIRED_SEEDS, self.paired, strict=False):
+            did, why = ("fails", "") if one.failure else ("trips the safety monitor", f" ({one.reason})")
+            if one.reason:
+                return f"{did} in {experiment} with seed {seed}, and is not judged there{why}"
+        return ""
 
 
 @dataclass(frozen=True)
 class DriveTrials:
-    """Results of all compared drives in one experiment."""
-
     name: str
-    trials: tuple[DriveTrial, ...]
+    trials: tuple[ComparedDrive, ...]
 
     def differences(self) -> dict[str, list[Difference]]:
         """Compute the paired differences of each judged drive to the first: drive name -> differences."""
@@ -212,10 +226,13 @@ def trials(
         for one, drive in zip(row, drives, strict=True):
             label = f"{path.stem} with {drive}"
             steps.next(label)
-            trial = _trial(one, drive)
-            if each > 1 and not trial.failure:
-                trial = _with_paired_runs(trial, one, steps, label)
-            found.append(trial)
+            run, paired = Runs(RunRequest(None, tally=True, timed=True), most=0).run(one), []
+            for seed in PAIRED_SEEDS if each > 1 and not run.failure else ():
+                steps.next(f"{label}, seed {seed}")
+                paired.append(Runs(RunRequest(tally=True), most=0).run(disturb_encoders(one, seed)))
+                if paired[-1].reason:
+                    break
+            found.append(ComparedDrive(drive, run, paired))
         done.append(DriveTrials(path.stem, tuple(found)))
     return tuple(done)
 
@@ -236,7 +253,7 @@ def verdict(compared: Sequence[DriveTrials]) -> list[str]:
     verdicts = [
         standing_sentence(name, first, overall_ranks(ranks), values.get(name)) for name, ranks in by_drive.items()
     ]
-    unjudged = {f"{t.name} {t.unjudged}" for one in compared for t in one.trials if t.unjudged}
+    unjudged = {f"{t.name} {why}" for one in compared for t in one.trials if (why := t.exclusion_reason(one.name))}
     failed = {
         f"{t.name} failed in {one.name}, and is not judged there" for one in compared for t in one.trials if t.failure
     }
@@ -253,7 +270,7 @@ def comparison_facts(compared: DriveTrials) -> dict[str, Any]:
                 "drive": trial.name,
                 "failure": trial.failure,
                 "measures": {m.name: {"value": m.value, "remark": m.remark} for m in trial.measures},
-                "run_measures": with_units(trial.values),
+                "run_measures": with_units(trial.done.measures),
             }
             for trial in done
         ],
@@ -281,41 +298,7 @@ def disturb_encoders(experiment: Experiment, seed: int) -> Experiment:
     return replace(noisy, seed=seed)
 
 
-def _with_paired_runs(trial: DriveTrial, experiment: Experiment, steps: Steps, label: str) -> DriveTrial:
-    """Return a drive's results with its paired runs, which stop at the first failure or trip."""
-    found = []
-    for seed in PAIRED_SEEDS:
-        steps.next(f"{label}, seed {seed}")
-        one = disturb_encoders(experiment, seed)
-        place = f"in {experiment.name} with seed {seed}, and is not judged there"
-        try:
-            done = Runs(RunRequest(tally=True), most=0).run(one).require_success()
-        # Includes a drive that crashes when it is freed.
-        except ComponentFailed as failure:
-            return replace(trial, failure=str(failure), unjudged=f"fails {place}")
-        if done.reason:
-            return replace(trial, unjudged=f"trips the safety monitor {place} ({done.reason})")
-        assert done.numbers is not None
-        found.append(done.numbers.measures)
-    return replace(trial, repeats=tuple(found))
-
-
-def _trial(experiment: Experiment, name: str) -> DriveTrial:
-    trace = Trace()
-    try:
-        with assemble(experiment) as assembly:
-            tally = Tally(assembly.system, HoldRequest.from_experiment(experiment))
-            done = simulate(assembly, experiment.duration_ticks, [trace, tally], timed=True).require_success()
-    # Includes a drive that crashes when it is freed, if it has a process of its own.
-    except ComponentFailed as failure:
-        reason = "the run failed"
-        lost = tuple(Measure(measure, None, reason) for measure in COMPARED_MEASURES)
-        return DriveTrial(name, TrueRun(trace), lost, missing_measures(reason), str(failure))
-    run, cost = TrueRun(trace), sum(cost for c, cost in done.costs.items() if c.startswith("drive"))
-    return DriveTrial(name, run, run.measures(cost), tally.outcome.measures)
-
-
-def draw_drive_compare(trials: Sequence[DriveTrial], title: str, path: Path) -> None:
+def draw_drive_compare(trials: Sequence[ComparedDrive], title: str, path: Path) -> None:
     """Draw force (height if the robot touches nothing), approach and errors of the compared drives to `path` (PNG)."""
     with picture(path, 11, 7.5, title) as figure:
         (whole, start), (z_error, late) = figure.subplots(2, 2)
@@ -325,22 +308,18 @@ def draw_drive_compare(trials: Sequence[DriveTrial], title: str, path: Path) -> 
         # If all drives failed in the first step, the time axis still needs a length.
         end = float(longest.t[-1]) or longest.run.tick
         for axes in (whole, start):
-            axes.plot(
-                longest.t, _reference_curve(longest, touching), color=GREY, lw=1.4, label="reference" * (axes is whole)
-            )
+            label = "reference" * (axes is whole)
+            axes.plot(longest.t, _reference_curve(longest, touching), color=GREY, lw=1.4, label=label)
         for i, trial in enumerate(trials):
-            run, look = (
-                trial.run,
-                {"color": DRIVE_COLORS[i % len(DRIVE_COLORS)], "ls": ("-", "--")[i // len(DRIVE_COLORS) % 2]},
-            )
+            run, again = trial.run, i // len(DRIVE_COLORS)
+            look = {"color": DRIVE_COLORS[i % len(DRIVE_COLORS)], "ls": ("-", "--")[again % 2]}
             name = trial.name + " (failed)" * bool(trial.failure)
             whole.plot(run.t, _true_curve(run, touching), lw=1.1, label=name, **look)
             start.plot(run.t, _true_curve(run, touching), lw=1.3, **look)
             z_error.plot(run.t, 1e3 * (run.z - run.z_ref), lw=1.1, **look)
             half = slice(len(longest.t) // 2, None)
-            late.plot(
-                run.t[half], _true_curve(run, touching)[half] - _reference_curve(run, touching)[half], lw=1.1, **look
-            )
+            error = _true_curve(run, touching) - _reference_curve(run, touching)
+            late.plot(run.t[half], error[half], lw=1.1, **look)
         # First touch, or first motion of the reference; the end of the run if neither happens.
         first = min(
             min(

@@ -162,13 +162,11 @@ def _solver_lines(plan: "DrivePlan", part: str) -> list[str]:
 
 
 class ListedDrive(NamedTuple):
-    """A drive's folder in fmus/.
+    """A drive's folder in fmus/, whose name `--drive` accepts.
 
     Attributes:
-        name: name of the folder, as accepted by `--drive`.
-        kind: "servo" (takes a speed), "motor" (twin's velocity loop commands it), "parts" (several FMUs); "" if the
-            drive does not fit.
-        problem: reason why the drive does not fit; empty if it does.
+        kind: "servo" (takes a speed), "motor" (twin's velocity loop commands it), "parts" (several FMUs).
+        problem: reason why the drive does not fit, which has no other facts; empty if it does.
     """
 
     name: str

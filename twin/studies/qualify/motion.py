@@ -120,13 +120,11 @@ def load_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
     behind = (free.theta_m - cycle.theta_m)[first : first + round(LOAD_WINDOW / TICK)]
     most = float(behind[np.argmax(np.abs(behind))])
     felt = "not felt" if abs(most) <= ANGLE_ROUNDING else f"{abs(most):.3g} rad {'behind' if most > 0 else 'AHEAD'}"
-    droop = (
-        free.mean_speed(CYCLE_END - AVERAGE_TIME, CYCLE_END) - cycle.mean_speed(CYCLE_END - AVERAGE_TIME, CYCLE_END)
-    ) / LOAD_IN_USE
+    end = (CYCLE_END - AVERAGE_TIME, CYCLE_END)
+    droop = (free.mean_speed(*end) - cycle.mean_speed(*end)) / LOAD_IN_USE
+    text = f"{felt} within {LOAD_WINDOW:g} s of a load of {LOAD_IN_USE:g} N m"
     return [
-        make_check(
-            "load", most >= -ANGLE_ROUNDING, f"{felt} within {LOAD_WINDOW:g} s of a load of {LOAD_IN_USE:g} N m"
-        ),
+        make_check("load", most >= -ANGLE_ROUNDING, text),
         Measure("droop", droop, "less than an encoder shows" if abs(droop) < NEGLIGIBLE_DROOP else ""),
     ]
 
@@ -141,8 +139,8 @@ def _remedy(plan: DrivePlan, forth: float, back: float) -> str:
 
 def step_findings(cycle: Response) -> list[Finding]:
     """Measure a drive's ripple, rise time, settling time and overshoot, from the command step of the work cycle."""
-    final = cycle.mean_speed(LOAD_TIME - AVERAGE_TIME, LOAD_TIME)
-    steady = cycle.omega_m[cycle.window(LOAD_TIME - AVERAGE_TIME, LOAD_TIME)]
+    before_load = (LOAD_TIME - AVERAGE_TIME, LOAD_TIME)
+    final, steady = cycle.mean_speed(*before_load), cycle.omega_m[cycle.window(*before_load)]
     ripple = float(np.max(np.abs(steady - np.mean(steady))))
     if final < SETTLING_BAND * SPEED_IN_USE:
         still = "does not turn forward"
@@ -196,14 +194,10 @@ def ramped_torque(done: Response) -> float:
 
 
 def held_torque(found: float, carries: Callable[[float], bool]) -> float:
-    """Confirm or correct a stall torque (N m) by held loads, to within `STALL_UNCERTAINTY`.
+    """Confirm or correct a ramp's stall torque `found` > 0 (N m) by held loads, to within `STALL_UNCERTAINTY`.
 
-    Returns `found` if loads `STALL_UNCERTAINTY` below and above it confirm it, else the result of a bisection;
-    `MAX_LOAD` if that load is carried.
-
-    Args:
-        found: stall torque from a ramp, > 0.
-        carries: function that returns whether a held load is carried; then so are all smaller ones.
+    Return `found` if loads `STALL_UNCERTAINTY` below and above it confirm it, else the result of a bisection;
+    `MAX_LOAD` if that load is carried. If `carries` a load, then all smaller ones.
     """
     below, above = (1.0 - STALL_UNCERTAINTY) * found, (1.0 + STALL_UNCERTAINTY) * found
     if not carries(below):
@@ -266,15 +260,14 @@ def step_error(plan: DrivePlan, cycle: Response) -> Measure:
         return Measure("step_error", None, f"refuses a step of {0.5e3 * TICK / steps:g} ms: {refusal}")
     change = _angle_difference(finer, cycle)
     by_solver, tolerance = _tolerance_error(plan, cycle)
+    remark = ""
     if by_solver > max(change, NEGLIGIBLE_ANGLE):
-        return Measure(
-            "step_error", change, f"with tolerance = {tolerance:g} it moves by {by_solver:.2g} rad: set that"
-        )
-    solvers = [plan.solver(part) for part in plan.parts]
-    remedy = "lower solver_step_ms" if any(s and s.method == "rk4" for s in solvers) else "raise substeps"
-    return Measure(
-        "step_error", change, "" if change < ENCODER_RESOLUTION else f"seen by the robot's encoder: {remedy}"
-    )
+        remark = f"with tolerance = {tolerance:g} it moves by {by_solver:.2g} rad: set that"
+    elif change >= ENCODER_RESOLUTION:
+        solvers = [plan.solver(part) for part in plan.parts]
+        remedy = "lower solver_step_ms" if any(s and s.method == "rk4" for s in solvers) else "raise substeps"
+        remark = f"seen by the robot's encoder: {remedy}"
+    return Measure("step_error", change, remark)
 
 
 def _half_step(table: Drive | DrivePart) -> dict[str, float]:
@@ -300,13 +293,10 @@ def _angle_difference(one: Response, other: Response) -> float:
 
 
 def frequency_response(plan: DrivePlan) -> tuple[Curve, Curve]:
-    """Measure the frequency response of a drive on the bench, with extra frequencies near the bandwidth.
+    """Measure frequencies (n,) in Hz, more near the bandwidth, and a drive's amplitudes (n,) of speed over command.
 
     The effects of holding the command for a tick H and averaging the speed over one, sin(x)/x with x = pi f H each, are
     compensated.
-
-    Returns:
-        (frequencies (n,) in Hz, amplitude of speed over amplitude of command (n,)).
     """
     count = 1 + round(PER_OCTAVE * np.log2(HIGHEST_FREQUENCY / LOWEST_FREQUENCY))
     coarse = np.geomspace(LOWEST_FREQUENCY, HIGHEST_FREQUENCY, count)

@@ -33,11 +33,9 @@ MAX_DELAY_SAMPLES = 20
 
 @dataclass(frozen=True)
 class PartAssessment:
-    """Result of checking a third-party part of the robot.
+    """Result of checking a third-party part: checks, period of its calls and wall time per call (s).
 
     Attributes:
-        period: period of its calls (s).
-        cost: wall time per call (s).
         own_differences: output name -> largest difference to twin's own component on the same inputs, SI; None if not
             compared.
     """
@@ -189,13 +187,8 @@ def part_check(
 ) -> Result:
     """Check whether a third-party part can replace twin's own, by calling it with the inputs of a run.
 
-    Exit code 1: the part does not fit.
-
-    Args:
-        part: FMU, mapping, folder with one, or FILE:CLASS; None for the part named in the experiment.
-        experiment: file or name of the experiment. Its run with twin's own part provides the inputs; if `part` is None,
-            a run with the part named in the experiment.
-        settings: settings applied to the experiment with the part, such as mapping and parameters.
+    The run is one with twin's own part; if `part`, an FMU, mapping, folder with one, or FILE:CLASS, is None, a run
+    with the part named in the experiment. Exit code 1: the part does not fit.
     """
     if role not in ROLE_CONTRACTS:
         raise InputRefused(f"{role}: not a part that can be third-party; these can: {', '.join(ROLE_CONTRACTS)}")
@@ -214,7 +207,6 @@ def part_check(
 
 
 def contracts() -> Result:
-    """Return a report of the ports of every role that a third-party part can take."""
     facts = {
         role: {
             side: [

@@ -195,22 +195,12 @@ def _wire_line(variables: Mapping[str, Variable], target: str, source: str, rema
     return f"{'# ' if remark else ''}{toml_string(target)} = {toml_string(source)}   # {comment}"
 
 
-class NewMapping(NamedTuple):
-    """A mapping.toml that was written for a drive, and whether it is complete."""
-
-    mapping: Path
-    complete: bool
-
-
-def write_mapping(named: Sequence[str], start: Path) -> NewMapping:
+def write_mapping(named: Sequence[str], start: Path) -> tuple[Path, bool]:
     """Write the mapping.toml of an FMU, of several that form one drive, or of the system in an SSP archive.
 
-    The mapping is written to the folder of the first FMU. FMUs of an SSP are extracted to a folder of its name next to
-    the archive; a drive of the installed package is first copied to a folder of its name in the current folder.
-
-    Args:
-        named: FMUs, as accepted by `load_drive`, or one SSP.
-        start: folder from which names are looked up.
+    Names are as `load_drive` accepts them, looked up from `start`. The mapping is written to the folder of the first
+    FMU. FMUs of an SSP are extracted to a folder of its name next to the archive; a drive of the installed package is
+    first copied to a folder of its name in the current folder. Return the file, and whether it is complete.
     """
     if any(name.endswith(".ssp") for name in named):
         if len(named) > 1:
@@ -230,10 +220,10 @@ def write_mapping(named: Sequence[str], start: Path) -> NewMapping:
         parts = dict(zip(part_names(files), map(described, files), strict=True))
         text, complete = parts_proposal(parts, folder)
     write_text(mapping, text)
-    return NewMapping(mapping, complete)
+    return mapping, complete
 
 
-def _from_system(file: Path) -> NewMapping:
+def _from_system(file: Path) -> tuple[Path, bool]:
     package = read_package(file)
     entries = _fmu_entries(package)
     folder = file.with_suffix("")
@@ -248,7 +238,7 @@ def _from_system(file: Path) -> NewMapping:
     wires = [wire for one in package.structure.system.connections if (wire := _known_wire(one, names))]
     text, complete = parts_proposal(parts, folder, wires)
     write_text(mapping, text)
-    return NewMapping(mapping, complete)
+    return mapping, complete
 
 
 def _fmu_entries(package: Package) -> dict[str, str]:

@@ -1,9 +1,9 @@
 """The qualification run: every check and measure of one drive."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -48,21 +48,52 @@ CHECK_SETUP = Setup(stop=(EXERCISE_TICKS + STATE_TICKS) * TICK, step=TICK)
 COMMAND_SHARE = 0.1
 """Command of a drive that takes no speed, as a share of the velocity loop's limit."""
 OTHER_FUTURE = "it continues differently from a restored state; twin treats it as stateless"
-WRITTEN_CHECK = "written"
 CONTINUE_JOB = "twin.studies.qualify.qualification:continue_from_state"
 T = TypeVar("T")
+
+
+class _Specimen(NamedTuple):
+    """An instance of a drive part's FMU, constant values of its inputs, and its readable outputs."""
+
+    plan: DrivePlan
+    part: str
+    instance: Instance
+    inputs: list[Setting]
+    outputs: list[Variable]
+
+    def exercise(self, first: int = 0, count: int = EXERCISE_TICKS) -> np.ndarray:
+        """Advance the FMU by `count` steps from tick `first` on and return its outputs (ticks, values)."""
+        rows = []
+        for k in range(first, first + count):
+            self.instance.write(self.inputs)
+            self.instance.advance(k * TICK, TICK)
+            rows.append(self.instance.read_floats(self.outputs))
+        return np.array(rows)
+
+    def continuation(self) -> np.ndarray:
+        """Return the outputs of the steps after those before which a state is saved."""
+        return self.exercise(EXERCISE_TICKS, STATE_TICKS)
+
+
+@contextmanager
+def _specimen(plan: DrivePlan, part: str) -> Iterator[_Specimen]:
+    description, inputs = plan.parts[part], _excitation(plan, part)
+    outputs = _readable_outputs(plan, part, description)
+    make = instance_class(description)
+    instance = make(part or "drive", description, plan.folder(part), plan.settings[part], inputs, CHECK_SETUP)
+    try:
+        yield _Specimen(plan, part, instance, inputs, outputs)
+    finally:
+        instance.close()
 
 
 def lifecycle_findings(plan: DrivePlan, apart: bool) -> list[Finding]:
     """Check reset, saved state and serialised state of each FMU of a drive separately.
 
-    An FMU that continues differently from its restored state is marked as stateless.
-
-    Args:
-        apart: whether each check has a process of its own, so that a crash of an FMU costs only that check.
+    An FMU that continues differently from its restored state is marked as stateless. `apart`: each check has a process
+    of its own, so that a crash of an FMU costs only that check.
     """
-    names = (*CHECK_FUNCTIONS, WRITTEN_CHECK)
-    return [_isolate_check(plan, name) if apart else _bookkeeping_check(name, plan) for name in names]
+    return [_isolate_check(plan, name) if apart else _bookkeeping_check(name, plan) for name in CHECK_FUNCTIONS]
 
 
 def check_fields(reporter: Reporter, table: Drive, name: str) -> dict[str, str]:
@@ -79,21 +110,13 @@ def _isolate_check(plan: DrivePlan, name: str) -> Check:
 def _bookkeeping_check(name: str, plan: DrivePlan) -> Check:
     problems, found = [], dict[str, str]()
     for part, description in plan.parts.items():
-        inputs, outputs = _excitation(plan, part), _readable_outputs(plan, part, description)
-        instance = instance_class(description)(
-            part or "drive", description, plan.folder(part), plan.settings[part], inputs, CHECK_SETUP
-        )
-        try:
-            if name == WRITTEN_CHECK:
-                problem = _serialization_problem(plan, part, instance, inputs, outputs)
-            else:
-                problem = CHECK_FUNCTIONS[name](instance, inputs, outputs)
-            if name != "reset" and problem in ("", OTHER_FUTURE):
-                found[description.sha256] = found.get(description.sha256, "") or problem
-        except TwinError as refusal:
-            problem = str(refusal)
-        finally:
-            instance.close()
+        with _specimen(plan, part) as specimen:
+            try:
+                problem = CHECK_FUNCTIONS[name](specimen)
+                if name != "reset" and problem in ("", OTHER_FUTURE):
+                    found[description.sha256] = found.get(description.sha256, "") or problem
+            except TwinError as refusal:
+                problem = str(refusal)
         if problem:
             problems.append(f"{part}: {problem}" if part else problem)
     for sha256, problem in found.items():
@@ -102,84 +125,64 @@ def _bookkeeping_check(name: str, plan: DrivePlan) -> Check:
     return make_check(name, not problems, "; ".join(problems) or "bit for bit", otherwise="note")
 
 
-def _reset_problem(instance: Instance, inputs: list[Setting], outputs: list[Variable]) -> str:
+def _reset_problem(tried: _Specimen) -> str:
     """Check that an FMU runs identically after a reset; return an error message or ""."""
-    first = _exercise(instance, inputs, outputs)
-    instance.reset()
-    return "" if np.array_equal(first, _exercise(instance, inputs, outputs)) else "a run after reset is another one"
+    first = tried.exercise()
+    tried.instance.reset()
+    return "" if np.array_equal(first, tried.exercise()) else "a run after reset is another one"
 
 
-def _state_problem(instance: Instance, inputs: list[Setting], outputs: list[Variable]) -> str:
+def _state_problem(tried: _Specimen) -> str:
     """Check that an FMU saves and restores its state; return an error message or ""."""
+    instance = tried.instance
     if not instance.description.interface.canGetAndSetFMUstate:
         return "not offered"
-    _exercise(instance, inputs, outputs)
+    tried.exercise()
     state, schedule = instance.save_state(), [array.copy() for array in instance.schedule]
-    onward = _exercise(instance, inputs, outputs, EXERCISE_TICKS, STATE_TICKS)
+    onward = tried.continuation()
     instance.restore_state(state)
     instance.free_state(state.value)
     for array, saved in zip(instance.schedule, schedule, strict=True):
         array[...] = saved
-    again = _exercise(instance, inputs, outputs, EXERCISE_TICKS, STATE_TICKS)
-    return "" if np.array_equal(onward, again) else OTHER_FUTURE
+    return "" if np.array_equal(onward, tried.continuation()) else OTHER_FUTURE
 
 
-CHECK_FUNCTIONS: dict[str, Callable[[Instance, list[Setting], list[Variable]], str]] = {
-    "reset": _reset_problem,
-    "state": _state_problem,
-}
-
-
-def _serialization_problem(
-    plan: DrivePlan, part: str, instance: Instance, inputs: list[Setting], outputs: list[Variable]
-) -> str:
+def _serialization_problem(tried: _Specimen) -> str:
     """Check that another process can continue from an FMU's serialised state; return an error message or ""."""
+    instance = tried.instance
     if not instance.description.interface.canSerializeFMUstate:
         return "not offered"
     if instance.description.kind == "model_exchange":
         return "not tried: its solver holds a part of the state"
-    _exercise(instance, inputs, outputs)
+    tried.exercise()
     state = instance.save_state()
     content = instance.serialize_state(state)
     instance.free_state(state.value)
     schedule = [array.tobytes() for array in instance.schedule]
-    onward = _exercise(instance, inputs, outputs, EXERCISE_TICKS, STATE_TICKS)
-    again = run_guarded(CONTINUE_JOB, {"table": plan.table, "part": part, "content": content, "schedule": schedule})
-    return "" if np.array_equal(onward, again) else OTHER_FUTURE
+    onward = tried.continuation()
+    asked = {"table": tried.plan.table, "part": tried.part, "content": content, "schedule": schedule}
+    return "" if np.array_equal(onward, run_guarded(CONTINUE_JOB, asked)) else OTHER_FUTURE
+
+
+CHECK_FUNCTIONS: dict[str, Callable[[_Specimen], str]] = {
+    "reset": _reset_problem,
+    "state": _state_problem,
+    "written": _serialization_problem,
+}
 
 
 def continue_from_state(
     reporter: Reporter, table: Drive, part: str, content: bytes, schedule: list[bytes]
 ) -> list[list[float]]:
     """Continue an FMU in this process from a state serialised by another process, and return its outputs."""
-    plan = plan_drive(table)
-    description = plan.parts[part]
-    inputs, outputs = _excitation(plan, part), _readable_outputs(plan, part, description)
-    instance = instance_class(description)(
-        part or "drive", description, plan.folder(part), plan.settings[part], inputs, CHECK_SETUP
-    )
-    try:
-        state = instance.deserialize_state(content)
-        instance.restore_state(state)
-        instance.free_state(state.value)
-        for array, saved in zip(instance.schedule, schedule, strict=True):
+    with _specimen(plan_drive(table), part) as tried:
+        state = tried.instance.deserialize_state(content)
+        tried.instance.restore_state(state)
+        tried.instance.free_state(state.value)
+        for array, saved in zip(tried.instance.schedule, schedule, strict=True):
             array[...] = np.frombuffer(saved, dtype=array.dtype)
-        rows: list[list[float]] = _exercise(instance, inputs, outputs, EXERCISE_TICKS, STATE_TICKS).tolist()
+        rows: list[list[float]] = tried.continuation().tolist()
         return rows
-    finally:
-        instance.close()
-
-
-def _exercise(
-    instance: Instance, inputs: list[Setting], outputs: list[Variable], first: int = 0, count: int = EXERCISE_TICKS
-) -> np.ndarray:
-    """Advance an FMU by `count` steps from tick `first` on and return its outputs (ticks, values)."""
-    rows = []
-    for k in range(first, first + count):
-        instance.write(inputs)
-        instance.advance(k * TICK, TICK)
-        rows.append(instance.read_floats(outputs))
-    return np.array(rows)
 
 
 def _excitation(plan: DrivePlan, part: str) -> list[Setting]:
@@ -206,12 +209,10 @@ def _readable_outputs(plan: DrivePlan, part: str, description: FmuDescription) -
 
 @dataclass(frozen=True)
 class BenchCurves:
-    """Curves of a drive's qualification; None where the drive failed.
+    """Responses of a drive to the work cycle and to a load that grows until it stalls, and its frequency response.
 
     Attributes:
-        cycle: response to the work cycle: rest, a step of the command, a step of the load.
-        overload: response to a load that grows until the shaft stalls.
-        frequencies, gain: frequencies (Hz) and speed over command (n,); empty where the drive failed.
+        frequencies, gain: frequencies (Hz) and speed over command (n,); all are empty or None where the drive failed.
     """
 
     cycle: Response | None = None
@@ -232,7 +233,6 @@ class Qualification:
 
     @property
     def failed_checks(self) -> tuple[str, ...]:
-        """Names of the checks that disqualify the drive."""
         return tuple(check.name for check in self.checks if check.verdict == "FAIL")
 
     def value(self, name: str) -> float | None:
@@ -275,14 +275,11 @@ class Qualification:
 
 
 def qualify_drive(table: Drive, apart: bool = False) -> Qualification:
-    """Qualify a drive by all checks and measures, in this process.
+    """Qualify a drive by all checks and measures, in this process; refuse it before anything runs if it does not fit.
 
     Args:
         apart: whether checks that no experiment needs have processes of their own. Instances are then not freed in this
             process, since some FMUs crash when freed and the process ends anyway.
-
-    Raises:
-        InputRefused: the drive is refused before anything runs: FMU, mapping, parameters, or loading.
     """
     plan, attempts = plan_drive(table), Attempts()
     with defer_release() if apart else nullcontext():

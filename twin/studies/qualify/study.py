@@ -133,7 +133,6 @@ def drive_check(
 
     Example: twin drive check velocity_servo
     """
-
     from twin.robot.experiment.drive_files import load_drive
 
     # Load all first, so that a misspelt one is reported before any is checked.
@@ -161,11 +160,7 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Result | 
     """Qualify a drive on the bench with a picture in `out`, after running the reference experiments shipped with it.
 
     Exit code 1: it does not qualify, or differs from the reference results. 2: the reference experiments ran, but the
-    FMU does not fit the drive contract.
-
-    Args:
-        apart: see `qualify_drive`.
-        sure: whether a check of more than an hour is confirmed.
+    FMU does not fit the drive contract. `apart`: see `qualify_drive`; `sure`: more than an hour is confirmed.
     """
     from twin.kernel.atomic_write import make_folder
     from twin.robot.experiment.drive_files import load_drive

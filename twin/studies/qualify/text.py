@@ -1,7 +1,4 @@
-"""The results of a drive on the bench, as text of at most 80 columns and as a picture.
-
-The picture shows step, load step, frequency response and overload.
-"""
+"""The results of a drive on the bench, as text of at most 80 columns and as a picture."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -66,7 +63,6 @@ def qualification_result(facts: dict[str, Any], references: str, picture: Path, 
 
 
 def measures_table(checked: Sequence[Mapping[str, Any]]) -> str:
-    """Return a Markdown table of several drives' measures, one line per drive."""
     measures = checked[0]["measures"].items()
     head = ["drive", *(f"{one['text']} ({_unit_in_table(one['unit'], name)})" for name, one in measures)]
     rows = []
@@ -77,12 +73,11 @@ def measures_table(checked: Sequence[Mapping[str, Any]]) -> str:
 
 
 def compare_blocks(compared: DriveTrials) -> list[Block]:
-    """Return the report of compared drives: a line per drive, missing values, differences to the first drive."""
     trials = compared.trials
     # The common table of measures takes precedence for work and energy, which have two definitions.
     measures = [
         {one.name: one for one in trial.measures}
-        | {key: Measure(key, one.value, one.reason) for key, one in trial.values.items()}
+        | {key: Measure(key, one.value, one.reason) for key, one in trial.done.measures.items()}
         for trial in trials
     ]
     held = any(its["hold_error"].value is not None for its in measures)
@@ -155,13 +150,10 @@ def _unit_shown(name: str) -> tuple[float, str]:
     if name in MEASURES_OF_RUNS:
         unit = MEASURES_OF_RUNS[name].unit
         return unit.per_SI, unit.text
-    if name == "settling_time":
-        return 1.0, "s"
-    return (
-        (1e6, "us/tick")
-        if name == "cost"
-        else DISPLAY_UNITS.get(COMPARED_MEASURES[name].unit, (1.0, COMPARED_MEASURES[name].unit))
-    )
+    if name == "cost":
+        return 1e6, "us/tick"
+    SI_unit = COMPARED_MEASURES[name].unit
+    return (1.0, SI_unit) if name == "settling_time" else DISPLAY_UNITS.get(SI_unit, (1.0, SI_unit))
 
 
 def _shorten_name(name: str, most: int) -> str:
@@ -227,14 +219,8 @@ def _draw_frequency_response(axes: Axes, done: Qualification) -> None:
     bandwidth = done.value("bandwidth")
     if bandwidth is not None:
         axes.axvline(bandwidth, color=MARK_COLOR, lw=0.9, ls=":")
-        axes.annotate(
-            f"-3 dB at {bandwidth:.3g} Hz",
-            (bandwidth, -3.0),
-            (-8, -12),
-            textcoords="offset points",
-            ha="right",
-            va="top",
-        )
+        label = f"-3 dB at {bandwidth:.3g} Hz"
+        axes.annotate(label, (bandwidth, -3.0), (-8, -12), textcoords="offset points", ha="right", va="top")
     axes.set_ylim(max(-40.0, min(-12.0, float(np.min(decibel)) - 2.0)), max(6.0, float(np.max(decibel)) + 2.0))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.set(xlabel="frequency (Hz)", ylabel="speed over command (dB)")

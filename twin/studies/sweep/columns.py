@@ -18,9 +18,7 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True, eq=False)
 class CategoricalColumn:
-    """A column of a sweep's rows with texts, booleans, whole numbers or None, stored as category codes.
-
-    The value of row i is `categories[codes[i]]`.
+    """A column of texts, booleans, whole numbers or None: row i has the value `categories[codes[i]]`.
 
     Attributes:
         codes: category index per row, (n,), int32.

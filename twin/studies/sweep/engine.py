@@ -15,7 +15,7 @@ from twin.studies.sweep.measures import failure
 from twin.studies.sweep.plan import Task, text_settings
 
 Result = tuple[Task, dict[str, Any]]
-"""A run and the fields of its `RunFinding`."""
+"""A run and its `run_fields`."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Job:
         recordings: folder for the recordings, one subfolder per run.
         record: runs to record, "all", "failures" or `"none"`.
         claims: "fig4" or "", see `SweepFile`.
-        trial: function that makes a run and returns its `RunFinding`, "module:function"; same signature as the default.
+        trial: function that makes a run and returns its `run_fields`, "module:function"; same signature as the default.
         here: working directory of all runs.
         files: (drive, text settings) of a run -> expected `files_digest`; a worker refuses runs whose files differ.
             Empty to skip the check.
@@ -72,8 +72,6 @@ class Engine(Protocol):
 
 
 class LocalEngine:
-    """Executor of a sweep's runs in several processes on this machine."""
-
     def __init__(self, processes: int):
         self._processes = processes
 
@@ -95,9 +93,6 @@ def run_facts(job: Job, process: WarmProcess, task: Task) -> dict[str, Any]:
 
     A process may die because earlier runs damaged its memory: the run is then repeated in a fresh process, so that its
     result never depends on those earlier runs. A failure that must be recorded is also repeated, with the recorder.
-
-    Raises:
-        TwinError: no run of the job can continue.
     """
     record = job.record
     while True:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import closing
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 from twin.kernel.atomic_write import write_json
 from twin.kernel.process.job import JobLimits
@@ -14,7 +15,7 @@ from twin.studies.analyse.stability import force_loop_margins
 from twin.studies.command import Say
 from twin.studies.sweep.engine import Engine, Job
 from twin.studies.sweep.interrupts import defer_interrupts
-from twin.studies.sweep.measures import HOLD_ERROR, RunFinding
+from twin.studies.sweep.measures import HOLD_ERROR, run_fields
 from twin.studies.sweep.plan import SweepPlan
 from twin.studies.sweep.show.parts import SweepQuery, best_rows
 from twin.studies.sweep.stored import MARGINS_FILE, SweepRows
@@ -39,7 +40,7 @@ def write_margins(plan: SweepPlan, found: SweepRows, folder: Path, engine: Engin
     })  # fmt: skip
 
 
-def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
+def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> dict[str, Any]:
     """Compute the stability margins of an experiment instead of running it; called in a sweep's worker process."""
     began = time.perf_counter()
     try:
@@ -47,7 +48,7 @@ def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = 
     # An internal error must not fail a sweep that is already complete.
     except Exception as problem:
         reason = (str(problem) or type(problem).__name__).splitlines()[0]
-        return RunFinding("failed", reason, {}, time.perf_counter() - began, math.nan)
+        return run_fields("failed", reason, {}, time.perf_counter() - began, math.nan)
     gain = min((one.gain for one in found if one.gain is not None), default=None)
     phase = min((one.phase for one in found if one.phase is not None), default=None)
-    return RunFinding("done", "", {"gain": gain, "phase_rad": phase}, time.perf_counter() - began, math.nan)
+    return run_fields("done", "", {"gain": gain, "phase_rad": phase}, time.perf_counter() - began, math.nan)

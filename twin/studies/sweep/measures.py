@@ -1,8 +1,7 @@
 """The measures of a sweep's run: numbers of the true state, with units in their names."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from twin.kernel.errors import InputRefused, nearest
@@ -36,45 +35,28 @@ BY_KIND: dict[str, tuple[str, ...]] = {
 """Kind of [[measure]] -> metrics that `twin.studies.check.measurement` computes (SI); needed before any run is made."""
 
 
-@dataclass(frozen=True)
-class RunFinding:
-    """The outcome of one run of a sweep.
+def run_fields(
+    status: str, reason: str, metrics: Mapping[str, float | None], seconds: float, stepping: float, **more: Any
+) -> dict[str, Any]:
+    """Return the fields of a sweep's row that its run determines.
 
-    Attributes:
+    Args:
         status: "done"; "tripped" if the safety monitor tripped; "failed" if a component failed or the process died;
             "refused" if the values make no valid experiment.
         reason: error message; "" if done.
         metrics: name in `METRICS`, or "measure.metric" for the experiment's measures -> value; empty unless the run
             completed. A value that does not exist is None, or missing for a measure.
         seconds, stepping: wall time in total and of the master alone (s); NaN if the process died.
-        paper: additional fields with `claims`, see `twin.studies.sweep.claims.findings`; empty unless the run is done.
-        no_hold: reason why the run has no hold error; "" if it has one, or no metrics.
+        more: "no_hold", the reason why the run has no hold error; with `claims` the fields of
+            `twin.studies.sweep.claims.findings`.
     """
-
-    status: str
-    reason: str
-    metrics: dict[str, float | None]
-    seconds: float
-    stepping: float
-    paper: dict[str, Any] = field(default_factory=dict)
-    no_hold: str = ""
-
-    @property
-    def row_fields(self) -> dict[str, Any]:
-        return {
-            "status": self.status,
-            "reason": self.reason,
-            "metrics": self.metrics,
-            "seconds": to_dict(self.seconds),
-            "stepping_s": to_dict(self.stepping),
-            **self.paper,
-            **({"no_hold": self.no_hold} if self.no_hold else {}),
-        }
+    fields = {"status": status, "reason": reason, "metrics": metrics}
+    return {**fields, "seconds": to_dict(seconds), "stepping_s": to_dict(stepping), **more}
 
 
 def failure(reason: str) -> dict[str, Any]:
     """Return the row fields of a sweep's run whose process died."""
-    return RunFinding("failed", reason, {}, math.nan, math.nan).row_fields
+    return run_fields("failed", reason, {}, math.nan, math.nan)
 
 
 def metrics_of(outcome: "RunOutcome") -> dict[str, float | None]:

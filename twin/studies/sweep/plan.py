@@ -75,12 +75,10 @@ class Vary(_SweepTable):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All keys of the experiment that this [[vary]] table sets to the same value."""
         return tuple(self.keys or ()) + ((self.key,) if self.key is not None else ())
 
     @property
     def label(self) -> str:
-        """First key of this [[vary]] table, which identifies the table."""
         return self.names[0] if self.names else ""
 
     def applies(self, chosen: Mapping[str, Value]) -> bool:
@@ -161,7 +159,7 @@ def _why_not(vary: Vary, name: str, sampled: bool) -> str:
 DesignName = Literal["grid", "latin_hypercube", "sobol", "random", "saltelli"]
 
 
-class SweepFile(BaseModel):
+class SweepFile(_SweepTable):
     """Content of a sweep file (TOML): experiment, varied keys, design, drives, limits.
 
     Attributes:
@@ -172,8 +170,6 @@ class SweepFile(BaseModel):
         drives: drives that each run every point; empty for the experiment's own.
         limits: metric -> maximum.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     experiment: str
     design: DesignName = "grid"
@@ -226,7 +222,7 @@ def _validate_definition(table: dict[str, Any], place: str) -> SweepFile:
 
 
 def _disagreements(definition: SweepFile) -> list[str]:
-    """Return error messages for missing, superfluous or contradictory keys of a sweep file."""
+    """Return error messages for keys of a sweep file that contradict each other."""
     sampled = definition.design != "grid"
     mistakes = [] if definition.vary or definition.drives else ["varies nothing; add a table [[vary]], or drives"]
     if sampled and definition.runs is None:
@@ -320,8 +316,7 @@ def grid(tables: list[Vary], chosen: dict[str, Value]) -> Iterator[dict[str, Val
 def unit_cube(definition: SweepFile) -> NDArray[np.float64]:
     """Draw the samples of a sweep's design, (runs, tables), inside 0 .. 1; the seed makes them reproducible.
 
-    Sources: scipy.stats.qmc; Latin hypercube after McKay, Beckman and Conover (1979), Sobol' scrambled after Owen; for
-    "saltelli" see `saltelli_cube`.
+    Sources: Latin hypercube after McKay, Beckman and Conover (1979), Sobol' scrambled after Owen.
     """
     rng = np.random.default_rng(definition.seed)
     runs, dimensions = definition.runs or 0, len(definition.vary)
@@ -350,15 +345,12 @@ def block_width(dimensions: int) -> int:
 
 
 def saltelli_cube(blocks: int, dimensions: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Draw the samples, (blocks * (d + 2), d), of a Saltelli design for estimating Sobol' indices.
+    """Draw the samples, (blocks * (d + 2), d), of a Saltelli design for Sobol' indices; `blocks` is a power of 2.
 
     A block of d + 2 runs is a row of the matrices A, B, A_B^1 .. A_B^d of Saltelli et al. (2010), "Variance based
     sensitivity analysis of model output", Computer Physics Communications 181: A_B^i is A with parameter i of B. Blocks
     are consecutive, so that an interrupted sweep has complete blocks. A and B are the two halves of a scrambled Sobol'
     sequence in 2 d dimensions, as Saltelli et al. advise (Sec. 3).
-
-    Args:
-        blocks: number of blocks, a power of 2.
     """
     from scipy.stats import qmc
 
@@ -372,12 +364,7 @@ def saltelli_cube(blocks: int, dimensions: int, rng: np.random.Generator) -> NDA
 
 @dataclass(frozen=True)
 class Task:
-    """A planned run of a sweep.
-
-    Attributes:
-        run: number, from 1.
-        key: hash of all inputs of the run, see `SweepPlan`.
-    """
+    """A planned run of a sweep: number from 1, and hash of all inputs, see `SweepPlan`."""
 
     run: int
     key: str
@@ -411,11 +398,9 @@ def read_plan(path: Path) -> SweepPlan:
 
 
 def plan_of(definition: SweepFile, experiment: Path, name: str, source: str, settings: Sequence[str] = ()) -> SweepPlan:
-    """Plan the runs of a sweep, after loading the first and the extreme runs.
+    """Plan the runs of a sweep, each with `settings`, after loading the first and the extreme runs.
 
-    Args:
-        source: origin of the definition, shown in error messages.
-        settings: settings for `load_experiment`, applied to every run.
+    Error messages begin with `source`, the origin of the definition.
     """
     drafts = [(point, (*settings, *_settings(definition, point))) for point in points(definition)]
     if not drafts:
@@ -425,16 +410,17 @@ def plan_of(definition: SweepFile, experiment: Path, name: str, source: str, set
     metrics = metric_names(loaded[0].measures)
     for metric in definition.limits:
         require_metric(f"{source}: [limits]", metric, metrics)
-    tasks = tuple(
-        Task(number, files.key(point, draft), point.drive, point.parameters, (*draft, *files.pins(point, draft)))
-        for number, (point, draft) in enumerate(drafts, start=1)
-    )
+    twin, tasks = version("twin"), []
+    for number, (point, draft) in enumerate(drafts, start=1):
+        digest, pins = files.digest_and_pins(point.drive, draft)
+        key = _hash([twin, digest, point.drive, draft])[:16]
+        tasks.append(Task(number, key, point.drive, point.parameters, (*draft, *pins)))
     configuration = {
         "the sweep": _hash([definition.model_dump(mode="json"), settings]),
-        "the experiment, a body or an FMU": _hash(sorted(files.digests.values())),
-        "the version of twin": version("twin"),
+        "the experiment, a body or an FMU": _hash(sorted(digest for digest, _ in files.found.values())),
+        "the version of twin": twin,
     }
-    return SweepPlan(name, definition, experiment, tasks, metrics, configuration)
+    return SweepPlan(name, definition, experiment, tuple(tasks), metrics, configuration)
 
 
 def _settings(definition: SweepFile, point: DesignPoint) -> tuple[str, ...]:
@@ -479,26 +465,15 @@ class _RunFiles:
 
     def __init__(self, source: str, experiment: Path, judged: bool):
         self._source, self._experiment, self._judged = source, experiment, judged
-        self._version = version("twin")
-        self.digests: dict[tuple[str | None, tuple[str, ...]], str] = {}
-        self._found: dict[tuple[str | None, tuple[str, ...]], tuple[str, tuple[str, ...]]] = {}
+        self.found: dict[tuple[str | None, tuple[str, ...]], tuple[str, tuple[str, ...]]] = {}
 
-    def key(self, point: DesignPoint, settings: tuple[str, ...]) -> str:
-        return _hash([self._version, self._digest_and_pins(point, settings)[0], point.drive, settings])[:16]
-
-    def pins(self, point: DesignPoint, settings: tuple[str, ...]) -> tuple[str, ...]:
-        """Return settings that pin the SHA-256 of each third-party part to the file found when planning."""
-        return self._digest_and_pins(point, settings)[1]
-
-    def _digest_and_pins(self, point: DesignPoint, settings: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
-        """Return the cached hash of a run's files and the settings that pin its third-party parts."""
-        files = point.drive, text_settings(settings)
-        if files not in self._found:
+    def digest_and_pins(self, drive: str | None, settings: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
+        """Return the hash of a run's files, and settings that pin the SHA-256 of its third-party parts."""
+        files = drive, text_settings(settings)
+        if files not in self.found:
             _, digest, parts = self.load(*files)
-            self.digests[files] = digest
-            pins = tuple(f'{role}.sha256="{of}"' for role, of in parts.items())
-            self._found[files] = digest, pins
-        return self._found[files]
+            self.found[files] = digest, tuple(f'{role}.sha256="{of}"' for role, of in parts.items())
+        return self.found[files]
 
     def load(self, drive: str | None, settings: tuple[str, ...]) -> "tuple[Experiment, str, dict[str, str]]":
         """Load the experiment of a run; return it with its file hash and the SHA-256 of its third-party parts."""

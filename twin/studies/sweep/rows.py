@@ -103,9 +103,6 @@ def read_columns(path: Path) -> tuple[Columns, int]:
 
     Rows are ordered oldest first; of duplicate keys the first wins. An incomplete last line, left by a power cut, is
     ignored.
-
-    Raises:
-        InputRefused: the file cannot be read, or a line is not a row of a sweep.
     """
     parts, end, each = [], 0, _whole_lines(path)
     while some := list(islice(each, ROWS_PER_BATCH)):

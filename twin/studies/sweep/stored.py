@@ -52,9 +52,8 @@ class SweepFacts(TypedDict):
 class RunMargins(TypedDict):
     """Stability margins of a run's force loop, the smallest over the places where the robot presses.
 
-    Attributes:
-        gain: gain margin, the largest stable factor on the gain; None if unlimited.
-        phase_rad: phase margin; None if the loop's gain never reaches 1.
+    The gain margin is the largest stable factor on the gain, None if unlimited; the phase margin is None if the loop's
+    gain never reaches 1.
     """
 
     run: WholeNumber
@@ -68,13 +67,11 @@ _FACTS_ADAPTER, _MARGINS_ADAPTER = TypeAdapter(SweepFacts), TypeAdapter(dict[str
 
 @dataclass(frozen=True)
 class SweepRows:
-    """A stored sweep: its definition and the rows of its finished runs.
+    """A stored sweep: its definition, see `SweepFile`, and the rows of its finished runs.
 
     Attributes:
         runs: number of planned runs, over all drives.
-        design, drives, limits: see `SweepFile`.
-        columns: rows of finished runs, by run.
-        read: function that loads the rows as written.
+        columns: rows of finished runs, by run; `read` loads the rows as written.
         margins: row key -> margins of a best run; empty if margins were not computed.
     """
 

@@ -184,13 +184,7 @@ def complete_sweep(
 ) -> Answer:
     """Make the runs of a sweep that have no row yet, and return the answer on all rows.
 
-    Exit code 1: no run has metrics.
-
-    Args:
-        engine, limits, record: see `run_sweep`.
-        parquet: whether to also write rows.parquet.
-        by: metric to rank by; None for the default, see `usual_metric`.
-        as_json: whether the answer has facts; without `--json` the possibly many rows are left out.
+    The answer has facts, possibly many rows, only with `as_json`. Exit code 1: no run has metrics.
     """
     from twin.studies.sweep.engine import LocalEngine
     from twin.studies.sweep.parquet import write_parquet

@@ -25,12 +25,9 @@ BATCH_PAUSE = 0.05
 
 @dataclass(frozen=True)
 class SweepState:
-    """Progress of a running sweep.
+    """Progress of a running sweep: numbers of runs with a row, now and at the start, and of those without metrics.
 
     Attributes:
-        done, total: number of runs with a row, number planned.
-        failed: number of done runs without metrics.
-        began_with: number of runs that had a row at the start.
         elapsed: wall time since the start (s).
         best: (metric, value, run) of the best run so far by the default metric; None if no run has that metric.
     """
@@ -44,7 +41,6 @@ class SweepState:
 
     @property
     def rate(self) -> float:
-        """Runs of the sweep completed per second; 0 while unknown."""
         return (self.done - self.began_with) / self.elapsed if self.elapsed else 0.0
 
     @property

@@ -22,7 +22,7 @@ from twin.robot.run.runs import Outcome, RunRequest, Runs
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.paper.fig4_measures import Fig4Run, Fig4Runs
 from twin.studies.sweep.claims import COMPANION_SETTING, findings
-from twin.studies.sweep.measures import RunFinding, metrics_of
+from twin.studies.sweep.measures import metrics_of, run_fields
 from twin.studies.sweep.plan import files_digest, text_settings
 
 RUNS_BEFORE_SHARING = 2
@@ -48,13 +48,8 @@ def run_task(
     """Make one run of a sweep in a worker process and return the fields of its row.
 
     A recorded run is made twice: measuring must not depend on the recorder, and the good runs of a sweep that records
-    failures never use it.
-
-    Args:
-        here: working directory; an FMU may have changed it.
-        claims: see `trial`.
-        trial, record: see `Job`.
-        files: expected hash of the run's files, see `files_digest`; "" to skip the check.
+    failures never use it. The arguments are `Job.arguments`: the working directory because an FMU may have changed it,
+    `files` to refuse a run that would read other files.
     """
     reporter.loading()
     os.chdir(here)
@@ -68,12 +63,12 @@ def run_task(
     if record == "all":
         record_run(*what, own)
         reporter.loading()
-    finding: RunFinding = judge(*what, claims)
-    if record == "failures" and finding.status != "done":
+    facts: dict[str, Any] = judge(*what, claims)
+    if record == "failures" and facts["status"] != "done":
         reporter.loading()
         record_run(*what, own)
     _freeze_objects()
-    return finding.row_fields
+    return facts
 
 
 files_here = functools.cache(files_digest)
@@ -86,30 +81,30 @@ def _freeze_objects() -> None:
     gc.freeze()
 
 
-def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
-    """Run one experiment of a sweep and return its finding: status, reason, metrics and wall times.
+def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> dict[str, Any]:
+    """Run one experiment of a sweep and return its `run_fields`.
 
-    Every error of the run is caught: the finding then has the status and the reason, and no metrics.
-
-    Args:
-        drive, settings: see `load_experiment`.
-        claims: "fig4" to judge the claims of Fig. 4 on the run and its companion without force control, which is also
-            run.
+    Every error of the run is caught: the fields then have the status and the reason, and no metrics. With the `claims`
+    "fig4", these are judged on the run and its companion without force control, which is also run.
     """
     began = time.perf_counter()
     try:
-        done, metrics, no_hold = _simulate(load_experiment(path, settings, drive), bool(claims))
-        paper = {}
+        done, metrics = _simulate(load_experiment(path, settings, drive), bool(claims))
+        assert done.numbers is not None
+        hold = done.numbers.measures["hold_error"]
+        more: dict[str, Any] = {}
         if claims and not done.reason:
-            companion, *_ = _simulate(load_experiment(path, [*settings, COMPANION_SETTING], drive), True)
+            companion, _ = _simulate(load_experiment(path, [*settings, COMPANION_SETTING], drive), True)
             if companion.reason:
                 raise ComponentFailed(f"without force control: {companion.reason}")
             assert done.trace is not None and companion.trace is not None
-            paper = findings(Fig4Runs(Fig4Run(done.trace), Fig4Run(companion.trace)))
+            more = findings(Fig4Runs(Fig4Run(done.trace), Fig4Run(companion.trace)))
+        if hold.value is None:
+            more["no_hold"] = hold.reason
     # An internal error in one run of a thousand becomes a row too.
     except Exception as problem:
-        return RunFinding(*_status_and_reason(problem), {}, time.perf_counter() - began, 0.0)
-    return RunFinding(done.status, done.reason, metrics, time.perf_counter() - began, done.stepping, paper, no_hold)
+        return run_fields(*_status_and_reason(problem), {}, time.perf_counter() - began, 0.0)
+    return run_fields(done.status, done.reason, metrics, time.perf_counter() - began, done.stepping, **more)
 
 
 def record_run(path: Path, drive: str | None, settings: Sequence[str], folder: Path) -> None:
@@ -133,24 +128,17 @@ def _status_and_reason(problem: Exception) -> tuple[str, str]:
     return "failed", f"{type(problem).__name__}: {problem}"
 
 
-def _simulate(experiment: Experiment, whole: bool) -> tuple[Outcome, dict[str, float | None], str]:
-    """Simulate a run, with all signals if `whole` or measured; return outcome, metrics, why no hold error."""
-    if not (experiment.measures or whole):
-        done = _runs.run(experiment).require_success()
-        return done, *_metrics_and_reason(done)
-    done = Runs(SIGNALS_REQUEST, most=0).run(experiment).require_success()
-    metrics, no_hold = _metrics_and_reason(done)
-    assert done.trace is not None
-    signals = Signals(done.trace, geometry_of(experiment.controller.model))
-    for measure in experiment.measures:
-        # Some values give no step or no contact force; the measure then has no metrics.
-        with contextlib.suppress(InputRefused):
-            metrics |= {name: m.value for name, m in metrics_of_measure(measure, signals).items()}
-    return done, metrics, no_hold
-
-
-def _metrics_and_reason(done: Outcome) -> tuple[dict[str, float | None], str]:
-    """Return (metrics of a sweep's run, reason for a missing hold error; "" if it has one)."""
+def _simulate(experiment: Experiment, whole: bool) -> tuple[Outcome, dict[str, float | None]]:
+    """Simulate a run, with all signals if `whole` or measured; return outcome and metrics."""
+    runs = Runs(SIGNALS_REQUEST, most=0) if experiment.measures or whole else _runs
+    done = runs.run(experiment).require_success()
     assert done.numbers is not None
-    hold = done.numbers.measures["hold_error"]
-    return metrics_of(done.numbers), hold.reason if hold.value is None else ""
+    metrics = metrics_of(done.numbers)
+    if experiment.measures:
+        assert done.trace is not None
+        signals = Signals(done.trace, geometry_of(experiment.controller.model))
+        for measure in experiment.measures:
+            # Some values give no step or no contact force; the measure then has no metrics.
+            with contextlib.suppress(InputRefused):
+                metrics |= {name: m.value for name, m in metrics_of_measure(measure, signals).items()}
+    return done, metrics

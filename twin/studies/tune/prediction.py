@@ -55,9 +55,8 @@ class Goals:
     Attributes:
         sensitivity: maximum M_s of any loop, > 1. It guarantees a gain margin of M_s / (M_s - 1) and a phase margin of
             2 asin(1 / (2 M_s)) (Astrom and Hagglund 2006, Advanced PID Control, Sec. 4.6).
-        overshoot: maximum overshoot of a step (share of the step).
-        bandwidth: minimum bandwidth (rad/s) of the law `law`; None for no such goal.
-        law: "force", or "position" where no force loop acts.
+        overshoot: maximum overshoot (share of the step).
+        bandwidth: minimum bandwidth (rad/s) of `law`, "force" or, where no force loop acts, "position"; None for none.
     """
 
     sensitivity: float = 1.6
@@ -78,7 +77,6 @@ class Goals:
 
     @property
     def bandwidth_hertz(self) -> float:
-        """Bandwidth goal of tuning in Hz, for display; 0 without such a goal."""
         return (self.bandwidth or 0.0) / (2.0 * math.pi)
 
     def refuse_period(self, period: float) -> None:
@@ -104,12 +102,7 @@ def stiffness_range(text: str) -> tuple[float, float]:
 
 
 class LawGains(NamedTuple):
-    """The tuned gains of position and force law, SI.
-
-    Attributes:
-        kp: platform speed per position error (1/s).
-        force_kp, force_ki: shift of the z reference per force error (m/N), per its integral (m/(N s)).
-    """
+    """The tuned gains: `kp` (1/s), `force_kp` (m/N) and `force_ki` (m/(N s)), which shift the z reference."""
 
     kp: float
     force_kp: float
@@ -139,7 +132,6 @@ def gains_of(experiment: Experiment) -> LawGains:
 
 
 def with_gains(experiment: Experiment, gains: LawGains) -> Experiment:
-    """Return the experiment with other gains; its `values` still contain the gains of the file."""
     c = experiment.controller
     position = c.position.model_copy(update={"kp": gains.kp})
     force = c.force.model_copy(update={"kp": gains.force_kp, "ki": gains.force_ki})
@@ -177,16 +169,18 @@ class Corner:
     def name(self) -> str:
         """Name of the operating point and stiffness: `force on 300 N/m`, `position in air`."""
         where = f"on {self.point.parameters.K:.4g} N/m" if self.point.in_contact else "in air"
-        return f"{self.laws[0]} {where}"
+        return f"{self.law} {where}"
 
     @property
-    def laws(self) -> tuple[str, ...]:
-        """Control laws whose step responses are examined here: the force law if it acts, else the position law."""
-        return ("force",) if self.point.force_on else ("position",)
+    def law(self) -> str:
+        """Control law whose step response is examined here: the force law if it acts, else the position law."""
+        return "force" if self.point.force_on else "position"
 
     @property
     def axes(self) -> tuple[int, ...]:
-        """Axes of the position law whose steps are examined here: z in contact, else all."""
+        """Axes whose steps are examined here: 3, the force, if its law acts; else z in contact, or all."""
+        if self.point.force_on:
+            return (3,)
         return (2,) if self.point.in_contact else (0, 1, 2)
 
 
@@ -262,13 +256,13 @@ class Prediction:
     Attributes:
         radius: spectral radius; the loop is stable below 1.
         sensitivity: M_s, the largest |1/(1+L)| of any loop with the others closed; infinity if unstable.
-        answers: law -> step response, the worst over its axes; empty if unstable.
+        answer: step response, the worst over its axes; None if unstable.
     """
 
     corner: Corner
     radius: float
     sensitivity: float
-    answers: dict[str, StepAnswer]
+    answer: StepAnswer | None
 
     @property
     def stable(self) -> bool:
@@ -279,11 +273,10 @@ def predict(corner: Corner, gains: LawGains) -> Prediction:
     A, _, _ = close_loops(corner, gains)
     radius = float(np.abs(np.linalg.eigvals(A)).max())
     if radius >= 1.0:
-        return Prediction(corner, radius, np.inf, {})
+        return Prediction(corner, radius, np.inf, None)
     S = sensitivities(corner, gains)
-    names = {"position": corner.axes, "force": (3,)}
-    answers = {law: _worst([_answer(corner, gains, S, i) for i in names[law]]) for law in corner.laws}
-    return Prediction(corner, radius, float(np.abs(S).max()), answers)
+    worst = _worst([_answer(corner, gains, S, i) for i in corner.axes])
+    return Prediction(corner, radius, float(np.abs(S).max()), worst)
 
 
 def close_loops(
@@ -292,10 +285,8 @@ def close_loops(
     """Close both control laws at a corner; return the closed loop as (A, B, C).
 
     Inputs are p_ref (3,) and F_z_ref, outputs true position (3,) and pressing force. The force law's integral is a
-    state only where that law acts with an integral gain.
-
-    Args:
-        factors: factors on the loops x, y, z and force (4,), applied where `sensitivities` opens them.
+    state only where that law acts with an integral gain. `factors` (4,) apply to the loops x, y, z and force, where
+    `sensitivities` opens them.
     """
     T, on = corner.period, corner.point.force_on
     K = gains.kp * np.diag(factors[:3])
@@ -370,7 +361,6 @@ def _powers(row: Matrix, A: Matrix, count: int) -> tuple[Matrix, Matrix]:
 
 
 def answer(t: Matrix, share: Matrix, bandwidth: float) -> StepAnswer:
-    """Summarise a step response, normalised to end at 1: overshoot, settling time, error."""
     return StepAnswer(
         overshoot(share, 1.0),
         settling_time(t, share, 1.0, SETTLED_BAND),

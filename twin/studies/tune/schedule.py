@@ -17,12 +17,13 @@ from twin.robot.controller.schedule import SchedulePoint, gains_at, schedule_tab
 from twin.robot.controller.tissue import Tissue
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.measures import with_units
+from twin.robot.run.runs import Outcome
 from twin.studies.analyse.operating_point import OperatingPoint, point_on_stiffness
 from twin.studies.result import Block, Column, Row, Table
 from twin.studies.tune import tuned
 from twin.studies.tune.prediction import Corner, Goals, LawGains, Prediction, open_corner, predict, with_gains
 from twin.studies.tune.text import goals_sentence, missed_note
-from twin.studies.tune.touchdown import HOLD_ERROR, HOLD_OVERSHOOT, WholeRun, price, shortfalls, whole_runs
+from twin.studies.tune.touchdown import HOLD_ERROR, HOLD_OVERSHOOT, Surface, measure_text, price, shortfalls, whole_runs
 
 STIFFNESS_RANGE = (300.0, 5000.0)
 """Default stiffness range (N/m)."""
@@ -46,14 +47,13 @@ SCHEDULE_COLUMNS = (
 
 @dataclass(frozen=True)
 class DesignedPoint:
-    """Designed gains of a schedule on one tissue stiffness, with their predictions and simulations.
+    """Designed gains of a schedule on one tissue stiffness.
 
     Attributes:
-        predictions: predictions at every pressed place, with each drive, on this stiffness.
+        predictions: one per pressed place and drive.
         misses: goals missed on this stiffness or on one confused with it.
         trials: number of the prediction -> simulated step, None if the run failed.
-        wholes: runs of the experiment itself on this stiffness, per drive: (with the one set of gains, with the
-            schedule).
+        wholes: runs of the experiment itself, per drive: (surface, with the one set of gains, with the schedule).
     """
 
     stiffness: float
@@ -61,11 +61,11 @@ class DesignedPoint:
     predictions: list[Prediction]
     misses: list[tuned.Miss]
     trials: dict[int, tuned.StepTrial | None]
-    wholes: list[tuple[WholeRun, WholeRun]]
+    wholes: list[tuple[Surface, Outcome, Outcome]]
 
     def ratio(self, drive: int) -> float:
         """Return the force error with the schedule, relative to one set of gains; NaN if a run failed."""
-        fixed, scheduled = (whole.outcome.force_error if whole.outcome else None for whole in self.wholes[drive])
+        fixed, scheduled = (done.numbers and done.numbers.force_error for done in self.wholes[drive][1:])
         return scheduled / fixed if fixed and scheduled else float("nan")
 
 
@@ -75,8 +75,7 @@ class GainSchedule:
 
     Attributes:
         base: result of tuning one set of gains for all stiffnesses, the safe set.
-        goals: goals of both.
-        points: points, softest first.
+        points: softest first.
         midpoint_predictions: predictions half-way between neighbouring points.
     """
 
@@ -99,11 +98,11 @@ class GainSchedule:
                 doubt = "the co-simulation failed"
                 doubt = doubt if trial is None else tuned.contradiction(trial, point.predictions[i], self.goals)
                 doubts += [f"{name}: {doubt}"] if doubt else []
-            for drive, (fixed, scheduled) in enumerate(point.wholes):
-                doubts += [one.text for one in shortfalls(fixed, scheduled, self.goals.overshoot, ONE_SET)]
+            for drive, runs in enumerate(point.wholes):
+                doubts += [one.text for one in shortfalls(*runs, self.goals.overshoot, ONE_SET)]
                 if point.ratio(drive) > MAX_ERROR_RATIO:
                     share = f"{100 * point.ratio(drive):.0f} %"
-                    doubts.append(f"{scheduled.name}: the error since the first touch is {share} of that {ONE_SET}")
+                    doubts.append(f"{runs[0].name}: the error since the first touch is {share} of that {ONE_SET}")
         return doubts
 
     @property
@@ -120,18 +119,18 @@ class GainSchedule:
                     "kp": point.gains.force_kp,
                     "ki": point.gains.force_ki,
                     "sensitivity": max(found.sensitivity for found in point.predictions),
-                    "overshoot": max(found.answers["force"].overshoot for found in point.predictions if found.stable),
-                    "settling": max(found.answers["force"].settling for found in point.predictions if found.stable),
+                    "overshoot": max(found.answer.overshoot for found in point.predictions if found.answer),
+                    "settling": max(found.answer.settling for found in point.predictions if found.answer),
                     "missed": [miss.goal for miss in point.misses],
                     "runs": [
                         {
-                            "drive": fixed.drive,
-                            "force_error_one_set": fixed.outcome and fixed.outcome.force_error,
-                            "force_error_scheduled": scheduled.outcome and scheduled.outcome.force_error,
+                            "drive": where.drive,
+                            "force_error_one_set": fixed.numbers and fixed.numbers.force_error,
+                            "force_error_scheduled": scheduled.numbers and scheduled.numbers.force_error,
                             "measures_one_set": with_units(fixed.measures),
                             "measures_scheduled": with_units(scheduled.measures),
                         }
-                        for fixed, scheduled in point.wholes
+                        for where, fixed, scheduled in point.wholes
                     ],
                 }
                 for point in self.points
@@ -146,7 +145,6 @@ def geometric_grid(low: float, high: float) -> list[float]:
 
 
 def design_schedule(base: tuned.TuningResult) -> GainSchedule:
-    """Design a gain schedule for a tuned experiment, over the stiffness range of its tuning."""
     goals, name = base.goals, base.experiments[0].name
     places = _places(base)
     if not places:
@@ -155,18 +153,19 @@ def design_schedule(base: tuned.TuningResult) -> GainSchedule:
     if low == high:
         raise InputRefused(f"--stiffness-N-per-m {low:g}:{high:g}: one stiffness; a schedule needs a range")
     found, fixed = [], []
-    labels = [shared.labels[0] for shared in base.drives]
     for K in geometric_grid(low, high):
-        one_set = list(whole_runs(base.experiments, labels, base.after.gains, (K,)))
-        fixed.append(one_set)
+        one_set = list(whole_runs(base.experiments, base.after.gains, (K,)))
+        surfaces = [Surface(shared.labels[0], K) for shared in base.drives]
+        fixed.append((surfaces, one_set))
         mistaken = [
             *_corners(base, places, K / STIFFNESS_ERROR_FACTOR, True),
             *_corners(base, places, K * STIFFNESS_ERROR_FACTOR),
         ]
         designed_for = [*mistaken, *_corners(base, places, K)]
 
-        def simulated(gains: LawGains, K: float = K, one_set: Sequence[WholeRun] = one_set) -> float:
-            return price(one_set, whole_runs(base.experiments, labels, gains, (K,)), goals.overshoot)
+        def simulated(gains: LawGains, surfaces: list[Surface] = surfaces, one_set: list[Outcome] = one_set) -> float:
+            runs = whole_runs(base.experiments, gains, (surfaces[0].stiffness,))
+            return price(surfaces, one_set, runs, goals.overshoot)
 
         gains = tuned.best_gains(
             designed_for, goals, base.after.gains, "force", partial(_is_stable, base, K), simulated
@@ -179,9 +178,9 @@ def design_schedule(base: tuned.TuningResult) -> GainSchedule:
     # Each experiment already has the safe set as its own gains.
     followed = [with_schedule(experiment, base.after.gains, found) for experiment in base.experiments]
     points = []
-    for point, one_set in zip(found, fixed, strict=True):
-        runs = whole_runs(followed, labels, base.after.gains, (point.stiffness,))
-        points.append(replace(point, wholes=list(zip(one_set, runs, strict=True))))
+    for point, (surfaces, one_set) in zip(found, fixed, strict=True):
+        runs = whole_runs(followed, base.after.gains, (point.stiffness,))
+        points.append(replace(point, wholes=list(zip(surfaces, one_set, runs, strict=True))))
     return GainSchedule(base, goals, points, list(_midpoint_predictions(base, places, found)))
 
 
@@ -201,9 +200,8 @@ def with_schedule(experiment: Experiment, gains: LawGains, points: Sequence[Desi
         for point in points
     )
     force = c.force.model_copy(update={"schedule": table})
-    return replace(
-        safe, controller=c.model_copy(update={"force": force, "tissue": c.tissue or Tissue.model_validate({})})
-    )
+    tissue = c.tissue or Tissue.model_validate({})
+    return replace(safe, controller=c.model_copy(update={"force": force, "tissue": tissue}))
 
 
 def _places(base: tuned.TuningResult) -> list[OperatingPoint]:
@@ -233,10 +231,8 @@ def _corners(
 def _midpoint_predictions(
     base: tuned.TuningResult, places: Sequence[OperatingPoint], points: Sequence[DesignedPoint]
 ) -> list[Prediction]:
-    table = schedule_table(
-        [SchedulePoint(point.stiffness, point.gains.force_kp, point.gains.force_ki) for point in points]
-    )
-    table = table.view(np.recarray)
+    designed = [SchedulePoint(point.stiffness, point.gains.force_kp, point.gains.force_ki) for point in points]
+    table = schedule_table(designed).view(np.recarray)
     found = []
     for below, above in pairwise(points):
         K = float(np.sqrt(below.stiffness * above.stiffness))
@@ -285,20 +281,18 @@ def _verdict(done: GainSchedule) -> list[Block]:
 
 def _rows(point: DesignedPoint) -> Iterator[Row]:
     gains = (f"{point.stiffness:8.4g} N/m", 1e3 * point.gains.force_kp, 1e3 * point.gains.force_ki)
-    stable = [prediction for prediction in point.predictions if prediction.stable]
-    if not stable:
+    answers = [prediction.answer for prediction in point.predictions if prediction.answer]
+    if not answers:
         yield f"{gains[0]}  {gains[1]:6.3g} {gains[2]:9.3g}  UNSTABLE"
         return
-    M_s = max(prediction.sensitivity for prediction in stable)
-    over = max(prediction.answers["force"].overshoot for prediction in stable)
-    settling = max(prediction.answers["force"].settling for prediction in stable)
+    M_s = max(prediction.sensitivity for prediction in point.predictions if prediction.stable)
+    over, settling = max(found.overshoot for found in answers), max(found.settling for found in answers)
     time = f"{settling:.2f} s" if math.isfinite(settling) else "never"
     own = (*gains, M_s, f"{100 * over:.0f} %", time)
-    yield *own, "" if point.wholes[1:] else _pair(*point.wholes[0])
-    for fixed, scheduled in point.wholes if point.wholes[1:] else ():
-        yield f"    {Path(fixed.drive).stem}", *6 * ("",), _pair(fixed, scheduled)
+    yield *own, "" if point.wholes[1:] else _pair(*point.wholes[0][1:])
+    for where, *runs in point.wholes if point.wholes[1:] else ():
+        yield f"    {Path(where.drive).stem}", *6 * ("",), _pair(*runs)
 
 
-def _pair(*runs: WholeRun) -> str:
-    """Format overshoot and hold error of each run in a line of columns."""
-    return " ".join(f"{whole.measure_text(HOLD_OVERSHOOT):>6} {whole.measure_text(HOLD_ERROR):>7}" for whole in runs)
+def _pair(*runs: Outcome) -> str:
+    return " ".join(f"{measure_text(run, HOLD_OVERSHOOT):>6} {measure_text(run, HOLD_ERROR):>7}" for run in runs)

@@ -11,10 +11,18 @@ import tomlkit
 
 from twin.kernel.atomic_write import inline_table
 from twin.robot.run.measures import ROWS_BY_KEY
+from twin.robot.run.runs import Outcome
 from twin.studies.figure import BARE_STYLE, BLUE, GREY, Axes, picture
 from twin.studies.result import Block, Column, Note, Row, Table
 from twin.studies.tune.prediction import SETTLED_BAND, STEP_HORIZON, StepAnswer, sensitivities, step_response
-from twin.studies.tune.touchdown import HOLD_ERROR, HOLD_OVERSHOOT, HOLD_SETTLING, JUDGED_MEASURES, NONE_TEXT, WholeRun
+from twin.studies.tune.touchdown import (
+    HOLD_ERROR,
+    HOLD_OVERSHOOT,
+    HOLD_SETTLING,
+    JUDGED_MEASURES,
+    NONE_TEXT,
+    measure_text,
+)
 from twin.studies.tune.tuned import GainAssessment, Miss, TuningResult, worst_places
 
 MAX_MODEL_ERROR = 0.03
@@ -108,11 +116,11 @@ def _verdict(done: TuningResult) -> list[Block]:
 
 def _overshoot_notes(done: TuningResult) -> Iterator[Note]:
     """Yield a note for each touch-down that overshoots by more than the goal for the experiment itself."""
-    for before, after in zip(done.before.wholes, done.after.wholes, strict=True):
+    for where, before, after in zip(done.surfaces, done.before.wholes, done.after.wholes, strict=True):
         was, now = (one.measures[HOLD_OVERSHOOT].value for one in (before, after))
         if now is not None and was is not None and now > done.goals.overshoot:
             shown = ROWS_BY_KEY[HOLD_OVERSHOOT].format_value
-            yield Note(f"{after.name} overshoots by {shown(now)}; it was {shown(was)}", "  but       ")
+            yield Note(f"{where.name} overshoots by {shown(now)}; it was {shown(was)}", "  but       ")
 
 
 def missed_note(text: str) -> Note:
@@ -157,9 +165,9 @@ def _steps(done: TuningResult) -> Iterator[Row]:
 
 def _prediction_text(judged: GainAssessment, i: int) -> str:
     prediction = judged.predictions[i]
-    if not prediction.stable:
+    found = prediction.answer
+    if found is None:
         return f"{'UNSTABLE':^26}"
-    found = next(iter(prediction.answers.values()))
     return f"{prediction.sensitivity:#4.3g} {_answer(found)} {_bandwidth(found.bandwidth)}"
 
 
@@ -182,39 +190,39 @@ def _answer(found: StepAnswer) -> str:
 
 
 def _runs(done: TuningResult) -> Iterator[Block]:
-    pairs = list(zip(done.before.wholes, done.after.wholes, strict=True))
-    if all(one.measures[HOLD_ERROR].value is None for pair in pairs for one in pair):
-        for before, after in pairs:
-            if after.stiffness is None:
+    runs = list(zip(done.surfaces, done.before.wholes, done.after.wholes, strict=True))
+    if all(one.measures[HOLD_ERROR].value is None for one in (*done.before.wholes, *done.after.wholes)):
+        for where, before, after in runs:
+            if where.stiffness is None:
                 text = f"z off by {_z_error(before)} before, {_z_error(after)} after (rms)"
-                yield Note(f"the experiment itself, {Path(after.drive).stem}: {text}", "run   ")
+                yield Note(f"the experiment itself, {Path(where.drive).stem}: {text}", "run   ")
         return
     rows: list[Row] = []
-    for before, after in pairs:
-        where = f"  on {after.stiffness:.4g} N/m" if after.stiffness else "  as in its file"
-        rows += [Path(after.drive).stem] if after.stiffness is None else []
-        rows.append((where, _touch_down(before), _touch_down(after)))
+    for where, before, after in runs:
+        place = f"  on {where.stiffness:.4g} N/m" if where.stiffness else "  as in its file"
+        rows += [Path(where.drive).stem] if where.stiffness is None else []
+        rows.append((place, _touch_down(before), _touch_down(after)))
     yield from (Table(_columns("the experiment", RUN_HEAD), rows, indent=0), "")
-    missing = (key for key in JUDGED_MEASURES if after.outcome and after.measure_text(key) == NONE_TEXT)
+    # The missing measures of the last run stand for all.
+    missing = (key for key in JUDGED_MEASURES if after.numbers and measure_text(after, key) == NONE_TEXT)
     yield from (Note(f"no {ROWS_BY_KEY[key].text}: {after.measures[key].reason}", "note  ") for key in missing)
 
 
-def _touch_down(whole: WholeRun) -> str:
-    if whole.outcome is None or whole.trip:
-        return f"{'safety trip' if whole.trip else 'failed':^26}"
-    overshoot, settling = whole.measure_text(HOLD_OVERSHOOT), whole.measure_text(HOLD_SETTLING)
-    return f"{overshoot:>6} {settling:>7} {whole.measure_text(HOLD_ERROR):>11}"
+def _touch_down(done: Outcome) -> str:
+    if done.status != "done":
+        return f"{'safety trip' if done.status == 'tripped' else 'failed':^26}"
+    overshoot, settling = measure_text(done, HOLD_OVERSHOOT), measure_text(done, HOLD_SETTLING)
+    return f"{overshoot:>6} {settling:>7} {measure_text(done, HOLD_ERROR):>11}"
 
 
-def _z_error(whole: WholeRun) -> str:
-    if whole.outcome is None:
+def _z_error(done: Outcome) -> str:
+    if done.numbers is None:
         return "it failed"
-    assert whole.outcome.z_error is not None, "twin's own controller has a reference"
-    return f"{1e3 * whole.outcome.z_error:.2g} mm" + (" and a safety trip" if whole.trip else "")
+    assert done.numbers.z_error is not None, "twin's own controller has a reference"
+    return f"{1e3 * done.numbers.z_error:.2g} mm" + (" and a safety trip" if done.status == "tripped" else "")
 
 
 def draw_tuning(done: TuningResult, path: Path) -> None:
-    """Draw step responses and sensitivities before and after tuning to `path` (PNG)."""
     shown = worst_places(done.after.predictions)
     columns = min(MAX_PANEL_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
@@ -269,12 +277,13 @@ def _draw(axes: Axes, judged: GainAssessment, i: int, color: str, name: str) -> 
     if trial is not None:
         axes.plot(trial.t, trial.share, color=color, lw=0.9, alpha=0.6, label=f"{name}, simulated")
     if prediction.stable:
-        axis = 3 if prediction.corner.point.force_on else 2
-        t, y, final = step_response(prediction.corner, judged.gains, axis)
+        t, y, final = step_response(prediction.corner, judged.gains, prediction.corner.axes[-1])
         axes.plot(t, y / final, color=color, lw=1.3, ls="--", label=f"{name}, predicted")
 
 
 def _span(judged: GainAssessment, i: int) -> float:
     """Return the time span (s) of a step response to plot: the step and some time at rest after it."""
-    settling = max((found.settling for found in judged.predictions[i].answers.values()), default=STEP_HORIZON)
-    return float(np.clip(4.0 * settling, 0.5, STEP_HORIZON)) if math.isfinite(settling) else STEP_HORIZON
+    found = judged.predictions[i].answer
+    if found is None or not math.isfinite(found.settling):
+        return STEP_HORIZON
+    return float(np.clip(4.0 * found.settling, 0.5, STEP_HORIZON))

@@ -8,7 +8,6 @@ co-simulation with the real drives then simulates a step at each corner and the 
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,17 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import differential_evolution
 
-from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.serialise import to_dict
-from twin.robot.assembly.assemble import FORCE_REFERENCE, assemble
-from twin.robot.assembly.declared import TUNABLE_PLACES
+from twin.robot.assembly.assemble import FORCE_REFERENCE
 from twin.robot.assembly.roles import refuse_third_party_parts
-from twin.robot.controller.task_controller import set_hold_point
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.schema import WayPoints
+from twin.robot.experiment.schema import Change, WayPoints
 from twin.robot.run.measures import with_units
-from twin.robot.run.shared_prefix import simulate_variants
+from twin.robot.run.runs import Outcome, RunRequest, Runs
 from twin.studies.analyse.linear.loops import Matrix
 from twin.studies.analyse.linearised import Linearisation
 from twin.studies.command import Say, ignore_progress
@@ -50,7 +46,7 @@ from twin.studies.tune.prediction import (
     stiffnesses,
     with_gains,
 )
-from twin.studies.tune.touchdown import WholeRun, price, shortfalls, whole_runs
+from twin.studies.tune.touchdown import Surface, price, shortfalls, whole_runs
 
 SEARCH_SEED = 1
 POPULATION_PER_GAIN, MAX_GENERATIONS = 8, 40
@@ -94,7 +90,7 @@ class Miss(NamedTuple):
 
     Attributes:
         goal: "margin", "overshoot", "bandwidth" or "stability".
-        by: relative amount by which it is missed; for the overshoot a share of the step.
+        by: relative amount, for the overshoot a share of the step.
         reached: value reached, in the unit of the goal.
     """
 
@@ -106,17 +102,18 @@ class Miss(NamedTuple):
 
 def misses(prediction: Prediction, goals: Goals) -> Iterator[Miss]:
     """Yield each tuning goal that the prediction at a corner misses: stability, margin, overshoot, bandwidth."""
-    if not prediction.stable:
+    found = prediction.answer
+    if found is None:
         yield Miss("stability", prediction.radius - 1.0, prediction.radius, prediction)
         return
     over = prediction.sensitivity / goals.sensitivity - 1.0
     if over > GOAL_TOLERANCE:
         yield Miss("margin", over, prediction.sensitivity, prediction)
-    for law, found in prediction.answers.items():
-        if found.overshoot > goals.overshoot + GOAL_TOLERANCE:
-            yield Miss("overshoot", found.overshoot - goals.overshoot, found.overshoot, prediction)
-        if goals.bandwidth and law == goals.law and found.bandwidth < (1.0 - GOAL_TOLERANCE) * goals.bandwidth:
-            yield Miss("bandwidth", 1.0 - found.bandwidth / goals.bandwidth, found.bandwidth, prediction)
+    if found.overshoot > goals.overshoot + GOAL_TOLERANCE:
+        yield Miss("overshoot", found.overshoot - goals.overshoot, found.overshoot, prediction)
+    asked = goals.bandwidth if prediction.corner.law == goals.law else None
+    if asked and found.bandwidth < (1.0 - GOAL_TOLERANCE) * asked:
+        yield Miss("bandwidth", 1.0 - found.bandwidth / asked, found.bandwidth, prediction)
 
 
 def worst_misses(predictions: Sequence[Prediction], goals: Goals) -> list[Miss]:
@@ -136,8 +133,9 @@ def cost(predictions: Sequence[Prediction], goals: Goals) -> float:
     price = sum(MISS_PRICES[miss.goal] * (1.0 + miss.by) for miss in worst_misses(predictions, goals))
     largest: dict[str, float] = {}
     for prediction in predictions:
-        for law, found in prediction.answers.items():
-            largest[law] = max(largest.get(law, 0.0), found.error)
+        if prediction.answer is not None:
+            law = prediction.corner.law
+            largest[law] = max(largest.get(law, 0.0), prediction.answer.error)
     # Differences below a millisecond do not count.
     return price + sum(math.log(max(error, 1e-3)) for error in largest.values())
 
@@ -204,20 +202,18 @@ class StepTrial:
     """A step response simulated at one corner in the co-simulation.
 
     Attributes:
-        law: law whose reference was stepped.
         t, share: time since the step (s) (n,), and response (n,), 1 at the final value of the linear model.
         answer: summary of the response; its bandwidth is NaN if the response does not settle in `STEP_HORIZON`.
         swing: lasting oscillation of the run with the step: peak to peak about a straight line (share of the step).
     """
 
     corner: Corner
-    law: str
     t: Matrix
     share: Matrix
     answer: StepAnswer
     swing: float
 
-    JSON_KEYS = "law overshoot=answer.overshoot settling=answer.settling bandwidth=answer.bandwidth swing"
+    JSON_KEYS = "law=corner.law overshoot=answer.overshoot settling=answer.settling bandwidth=answer.bandwidth swing"
 
 
 def can_simulate_step(corner: Corner) -> bool:
@@ -229,35 +225,35 @@ def can_simulate_step(corner: Corner) -> bool:
 def step_trial(corner: Corner, gains: LawGains) -> StepTrial | None:
     """Simulate the response of the true force or height to a step of its reference; None if the run failed.
 
-    The same run without the step is subtracted to cancel their common motion, the initial sagging.
-
-    Args:
-        gains: gains that keep the linear model stable.
+    The same run without the step is subtracted to cancel their common motion, the initial sagging. The gains have to
+    keep the linear model stable.
     """
-    try:
-        still, moved = paired_step_runs(corner, gains)
-    except ComponentFailed:
-        return None
-    i = 3 if corner.point.force_on else 2
-    size = FORCE_STEP * corner.point.F_z if corner.point.force_on else HEIGHT_STEP
-    end = size * step_response(corner, gains, i)[2]
+    signal, sign, size = ("plant.p_B", 1.0, HEIGHT_STEP)
+    if corner.point.force_on:
+        signal, sign, size = ("plant.F_ee_B", -1.0, FORCE_STEP * corner.point.F_z)
+    runs, tick = Runs(RunRequest(frozenset({signal})), most=0), corner.experiment.cosim.tick
+    responses = []
+    for experiment in step_experiments(corner, gains):
+        try:
+            trace = runs.run(experiment).require_success().trace
+        except ComponentFailed:
+            return None
+        assert trace is not None
+        responses.append(sign * trace[signal][round(REST_TIME / tick) :, 2])
+    still, moved = responses
+    end = size * step_response(corner, gains, corner.axes[-1])[2]
     share = (moved - still) / end
-    tick = corner.experiment.cosim.tick
     t = tick * np.arange(len(share), dtype=np.float64)
     found = answer(t, share, step_bandwidth(share, tick))
     if math.isinf(found.settling):
         found = replace(found, bandwidth=math.nan)
-    return StepTrial(corner, corner.laws[0], t, share, found, lasting_swing(t, moved / end))
+    return StepTrial(corner, t, share, found, lasting_swing(t, moved / end))
 
 
 def step_bandwidth(share: Matrix, tick: float) -> float:
-    """Return the bandwidth (rad/s) of a step response, from the spectrum of its impulse response.
+    """Return the bandwidth (rad/s) of a step response `share` (n,), 1 at its end, sampled every `tick` (s).
 
-    It is the frequency where the spectrum first falls below 1/sqrt(2).
-
-    Args:
-        share: response to a unit step (n,), 1 at its end.
-        tick: sampling period (s).
+    It is the frequency where the spectrum of the impulse response first falls below 1/sqrt(2).
     """
     spectrum = np.abs(np.fft.rfft(np.diff(share, prepend=0.0), SPECTRUM_SAMPLES))
     return float(np.argmax(spectrum < HALF_POWER) * 2.0 * np.pi / (SPECTRUM_SAMPLES * tick))
@@ -269,41 +265,33 @@ def lasting_swing(t: Matrix, y: Matrix) -> float:
     return float(np.ptp(y[last] - np.polyval(np.polyfit(t[last], y[last], 1), t[last])))
 
 
-def paired_step_runs(corner: Corner, gains: LawGains) -> list[Matrix]:
-    """Return force (N) or height (m) per tick, without and with the step, from the time of the step on."""
+def step_experiments(corner: Corner, gains: LawGains) -> tuple[Experiment, Experiment]:
+    """Return the experiment that holds the robot at a corner, without and with a step of the reference."""
     experiment, point = with_gains(at_stiffness(corner), gains), corner.point
-    period = experiment.controller.period
+    c, tick = experiment.controller, experiment.cosim.tick
     low, high = (1.0 - 0.5 * FORCE_STEP) * point.F_z, (1.0 + 0.5 * FORCE_STEP) * point.F_z
-    c = experiment.controller
     force = c.force.model_copy(update={"reference": low, "trigger": None, "trigger_time": 0.0})
     mode = "force_position" if point.force_on else "position"
+    # The last call of the controller before REST_TIME still has the old reference.
+    hold = WayPoints((0.0, REST_TIME - c.period, REST_TIME), (point.p_B,) * 3)
     held = replace(
         experiment,
         tasks=(),
         approach=None,
-        # The last call of the controller before REST_TIME still has the old reference.
-        reference=WayPoints((0.0, REST_TIME - period, REST_TIME), (point.p_B,) * 3),
+        reference=hold,
         controller=c.model_copy(update={"mode": mode, "force": force, "tissue": None, "breath": None}),
+        duration_ticks=round(REST_TIME / tick) + round(STEP_HORIZON / tick),
     )
-
-    def step(system: System) -> None:
-        if point.force_on:
-            memory = TUNABLE_PLACES[FORCE_REFERENCE].memory_of(system.component("controller"))
-            assert memory is not None
-            memory[...] = high
-        else:
-            set_hold_point(system, [*point.p_B[:2], point.p_B[2] + HEIGHT_STEP])
-
-    rest, over = (round(time / experiment.cosim.tick) for time in (REST_TIME, STEP_HORIZON))
-    pressed, risen = "plant.F_ee_B", "plant.p_B"
-    runs = simulate_variants(partial(assemble, held), rest, rest + over, (pressed, risen), [lambda system: None, step])
-    traces = [trace for done, trace in runs if done.require_success()]
-    return [-run[pressed][rest:, 2] if point.force_on else run[risen][rest:, 2] for run in traces]
+    if point.force_on:
+        return held, replace(held, changes=(Change(round(REST_TIME / tick), FORCE_REFERENCE, high, high),))
+    x, y, z = point.p_B
+    return held, replace(held, reference=hold._replace(p=(*hold.p[:2], (x, y, z + HEIGHT_STEP))))
 
 
 def contradiction(trial: StepTrial, prediction: Prediction, goals: Goals) -> str:
     """Describe how a simulated step violates goals that the linear model meets; "" if it does not."""
-    simulated, linear = trial.answer, prediction.answers[trial.law]
+    simulated, linear, law = trial.answer, prediction.answer, prediction.corner.law
+    assert linear is not None
     if trial.swing > MAX_SWING:
         return f"the co-simulation never settles; it swings by {100.0 * trial.swing:.0f} % of the step"
     if simulated.overshoot > goals.overshoot + OVERSHOOT_TOLERANCE:
@@ -311,7 +299,7 @@ def contradiction(trial: StepTrial, prediction: Prediction, goals: Goals) -> str
     if math.isinf(simulated.settling) and SETTLING_FACTOR * linear.settling < STEP_HORIZON:
         within = f"within {100.0 * SETTLED_BAND:g} % of its end"
         return f"the co-simulation is not {within} after {STEP_HORIZON:g} s; predicted are {linear.settling:.2g} s"
-    if goals.bandwidth and trial.law == goals.law:
+    if goals.bandwidth and law == goals.law:
         # A goal that is predicted to be missed is reported as such.
         expected = min(goals.bandwidth, linear.bandwidth)
         if simulated.bandwidth < (1.0 - BANDWIDTH_TOLERANCE) * expected:
@@ -321,33 +309,29 @@ def contradiction(trial: StepTrial, prediction: Prediction, goals: Goals) -> str
 
 @dataclass(frozen=True)
 class GainAssessment:
-    """Assessment of some gains at every corner: predictions, missed goals, simulations.
+    """Assessment of some gains: predictions per corner, worst miss of each missed goal, simulations.
 
     Attributes:
-        predictions: predictions of the linear model, one per corner.
-        misses: worst miss of each missed goal.
-        trials: corner number -> simulated step, None if the run failed. A corner predicted to be unstable is not
-            simulated.
-        wholes: runs of the experiment itself with each drive: on the surface of the file, then on each stiffness.
+        trials: corner number -> simulated step, None if the run failed; only of corners predicted to be stable.
+        wholes: runs of the experiment itself, one per surface of the tuning.
     """
 
     gains: LawGains
     predictions: list[Prediction]
     misses: list[Miss]
     trials: dict[int, StepTrial | None]
-    wholes: list[WholeRun]
+    wholes: list[Outcome]
 
 
 @dataclass(frozen=True)
 class TuningResult:
-    """Result of tuning an experiment's gains for given goals.
+    """Result of tuning an experiment's gains, which had the assessment `before`, for given goals.
 
     Attributes:
-        experiments: experiments, one per drive.
-        stiffness: stiffness range (N/m); None for the stiffness of the experiment.
-        drives: identified drives, one linearisation per experiment.
+        experiments, drives: the experiment with each drive, and the drive's linearisation.
+        stiffness: range (N/m); None for the stiffness of the experiment.
         problems: error messages of points without a linear model.
-        before, after: assessment of the experiment's own gains, and of the best.
+        surfaces: surfaces of the runs of the experiment itself; per drive that of the file, then each stiffness.
     """
 
     experiments: list[Experiment]
@@ -355,6 +339,7 @@ class TuningResult:
     stiffness: tuple[float, float] | None
     drives: list[Linearisation]
     problems: list[str]
+    surfaces: list[Surface]
     before: GainAssessment
     after: GainAssessment
 
@@ -370,8 +355,8 @@ class TuningResult:
             doubt = "the co-simulation failed" if trial is None else contradiction(trial, prediction, self.goals)
             if doubt:
                 doubts.append(f"{_place_text(prediction)}: {doubt}")
-        for before, after in zip(self.before.wholes, self.after.wholes, strict=True):
-            doubts += [missed.text for missed in shortfalls(before, after, self.goals.overshoot)]
+        for runs in zip(self.surfaces, self.before.wholes, self.after.wholes, strict=True):
+            doubts += [missed.text for missed in shortfalls(*runs, self.goals.overshoot)]
         return doubts
 
     @property
@@ -386,8 +371,8 @@ class TuningResult:
             "missed": [miss.goal for miss in self.after.misses],
             "contradictions": self.contradictions,
             "without_linear_model": self.problems,
-            "before": _assessment_facts(self.before),
-            "after": _assessment_facts(self.after),
+            "before": _assessment_facts(self.before, self.surfaces),
+            "after": _assessment_facts(self.after, self.surfaces),
         }
 
 
@@ -402,7 +387,7 @@ def tune_gains(
     Args:
         experiments: the same experiment with each drive that the gains must suit, at least one.
         goals: goals; `law` is determined here.
-        stiffness: stiffness range of the contact (N/m).
+        stiffness: range of the contact's stiffness (N/m).
     """
     first = experiments[0]
     refuse_third_party_parts(first, "twin tune", ("controller", "estimator"))
@@ -422,16 +407,14 @@ def tune_gains(
     law = "force" if any(corner.point.force_on for corner in found) else "position"
     goals = replace(goals, law=law)
 
-    surfaces = (None, *(stiffnesses(stiffness) if stiffness else ()))
-    labels = [drive.labels[0] for drive in drives]
-
-    def wholes(gains: LawGains) -> Iterator[WholeRun]:
-        return whole_runs(experiments, labels, gains, surfaces)
-
-    before = list(wholes(start))
+    span = (None, *(stiffnesses(stiffness) if stiffness else ()))
+    surfaces = [Surface(drive.labels[0], K) for drive in drives for K in span]
+    before = list(whole_runs(experiments, start, span))
 
     def simulated(gains: LawGains) -> float:
-        return price(before, wholes(gains), goals.overshoot) if law == "force" else 0.0
+        if law == "position":
+            return 0.0
+        return price(surfaces, before, whole_runs(experiments, gains, span), goals.overshoot)
 
     after = best_gains(
         found, goals, start, simulated=simulated, progress=lambda done: say("searching gains", SEARCH_SHARE * done)
@@ -439,10 +422,9 @@ def tune_gains(
     predictions = [predict(corner, after) for corner in found]
     tried = [i for i in worst_places(predictions) if can_simulate_step(found[i])]
     say("trying them in the co-simulation", SEARCH_SHARE)
-    judged = [
-        _assess(found, goals, gains, tried, runs) for gains, runs in ((start, before), (after, list(wholes(after))))
-    ]
-    return TuningResult(list(experiments), goals, stiffness, drives, problems, *judged)
+    own = _assess(found, goals, start, tried, before)
+    best = _assess(found, goals, after, tried, list(whole_runs(experiments, after, span)))
+    return TuningResult(list(experiments), goals, stiffness, drives, problems, surfaces, own, best)
 
 
 def _place_text(prediction: Prediction) -> str:
@@ -454,7 +436,7 @@ def worst_places(predictions: Sequence[Prediction]) -> list[int]:
     worst: dict[tuple[str, str, bool, float], int] = {}
     for i, prediction in enumerate(predictions):
         corner = prediction.corner
-        key = (corner.drive, corner.laws[0], corner.point.in_contact, corner.point.parameters.K)
+        key = (corner.drive, corner.law, corner.point.in_contact, corner.point.parameters.K)
         if key not in worst or prediction.sensitivity > predictions[worst[key]].sensitivity:
             worst[key] = i
     drives = list(dict.fromkeys(drive for drive, *_ in worst))
@@ -462,33 +444,32 @@ def worst_places(predictions: Sequence[Prediction]) -> list[int]:
 
 
 def _assess(
-    found: list[Corner], goals: Goals, gains: LawGains, tried: list[int], wholes: list[WholeRun]
+    found: list[Corner], goals: Goals, gains: LawGains, tried: list[int], wholes: list[Outcome]
 ) -> GainAssessment:
     predictions = [predict(corner, gains) for corner in found]
     trials = {i: step_trial(found[i], gains) for i in tried if predictions[i].stable}
     return GainAssessment(gains, predictions, worst_misses(predictions, goals), trials, wholes)
 
 
-def _assessment_facts(judged: GainAssessment) -> dict[str, Any]:
+def _assessment_facts(judged: GainAssessment, surfaces: Sequence[Surface]) -> dict[str, Any]:
+    runs = list(zip(surfaces, judged.wholes, strict=True))
     return {
         "gains": judged.gains._asdict(),
         "corners": [_corner_facts(prediction, judged.trials.get(i)) for i, prediction in enumerate(judged.predictions)],
-        "runs": [_run_facts(whole) for whole in judged.wholes if whole.stiffness is None],
+        "runs": [_run_facts(where, done) for where, done in runs if where.stiffness is None],
         "touch_downs": [
-            {"stiffness": whole.stiffness, **_run_facts(whole)}
-            for whole in judged.wholes
-            if whole.stiffness is not None
+            {"stiffness": where.stiffness, **_run_facts(where, done)} for where, done in runs if where.stiffness
         ],
     }
 
 
-def _run_facts(whole: WholeRun) -> dict[str, Any]:
+def _run_facts(where: Surface, done: Outcome) -> dict[str, Any]:
     return {
-        "drive": whole.drive,
-        "force_error": whole.outcome and whole.outcome.force_error,
-        "z_error": whole.outcome and whole.outcome.z_error,
-        "trip": whole.trip,
-        "measures": with_units(whole.measures),
+        "drive": where.drive,
+        "force_error": done.numbers and done.numbers.force_error,
+        "z_error": done.numbers and done.numbers.z_error,
+        "trip": done.reason if done.status == "tripped" else "",
+        "measures": with_units(done.measures),
     }
 
 
@@ -501,6 +482,6 @@ def _corner_facts(prediction: Prediction, trial: StepTrial | None) -> dict[str, 
         "stiffness": point.parameters.K if point.in_contact else None,
         "stable": prediction.stable,
         "sensitivity": prediction.sensitivity,
-        "predicted": prediction.answers,
+        "predicted": {prediction.corner.law: prediction.answer} if prediction.answer else {},
         "simulated": trial,
     })  # fmt: skip

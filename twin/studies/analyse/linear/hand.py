@@ -62,15 +62,8 @@ def plant_system(parameters: PlantParameters) -> control.NonlinearIOSystem:
             (`STATE_LABELS`) and the 24 values of the component's output ports, labelled as in `signal_labels`. Outside
             the workspace its derivative is NaN.
     """
-    return control.nlsys(
-        _derivative,
-        _outputs,
-        params=parameters._asdict(),
-        inputs=signal_labels(PLANT_INPUTS),
-        outputs=signal_labels(PLANT_OUTPUTS),
-        states=STATE_LABELS,
-        name="plant",
-    )
+    params = parameters._asdict()
+    return control.nlsys(_derivative, _outputs, params=params, states=STATE_LABELS, **_plant_labels())
 
 
 def linear_plant(parameters: PlantParameters, x: NDArray, theta_m: NDArray) -> control.StateSpace:
@@ -81,16 +74,12 @@ def linear_plant(parameters: PlantParameters, x: NDArray, theta_m: NDArray) -> c
     """
     linear = control.linearize(plant_system(parameters), x, theta_m)
     bristle = np.vstack([np.eye(6), np.hstack([linear.A[6:, 3:6], np.zeros((2, 3))])])
-    return control.ss(
-        linear.A[:6] @ bristle,
-        linear.B[:6],
-        linear.C @ bristle,
-        linear.D,
-        inputs=signal_labels(PLANT_INPUTS),
-        outputs=signal_labels(PLANT_OUTPUTS),
-        states=STATE_LABELS[:6],
-        name="plant",
-    )
+    A, C = linear.A[:6] @ bristle, linear.C @ bristle
+    return control.ss(A, linear.B[:6], C, linear.D, states=STATE_LABELS[:6], **_plant_labels())
+
+
+def _plant_labels() -> dict[str, Any]:
+    return {"inputs": signal_labels(PLANT_INPUTS), "outputs": signal_labels(PLANT_OUTPUTS), "name": "plant"}
 
 
 def _derivative(t: float, x: NDArray, u: NDArray, params: dict[str, Any]) -> NDArray[np.float64]:
@@ -103,13 +92,7 @@ def _outputs(t: float, x: NDArray, u: NDArray, params: dict[str, Any]) -> NDArra
 
 
 class HandLoad(NamedTuple):
-    """A passive load in the hand, fixed to the platform.
-
-    Attributes:
-        mass: (3, 3) symmetric, kg.
-        stiffness: to the ground, (3, 3) symmetric, N/m.
-        damping: (3, 3) symmetric, N s/m.
-    """
+    """A passive load in the hand, on the platform: symmetric (3, 3), kg, N/m to the ground, and N s/m."""
 
     mass: loops.Matrix
     stiffness: loops.Matrix
@@ -209,7 +192,6 @@ def robot_with(
 
 
 def hand_of(robot: control.StateSpace, law: loops.LinearLaw, gains: dict[str, float]) -> Hand:
-    """Close control loops around a sampled robot and return the dynamics that a hand feels."""
     closed = loops.closed_loops(loops.open_loops(robot, law, whole=True), gains)
     force = np.arange(6, 9)
     rest = np.setdiff1d(np.arange(closed.nstates), force)
@@ -225,9 +207,9 @@ def hertz(period: float, count: int) -> loops.Matrix:
 
 
 def power_share(Y: Complex) -> loops.Matrix:
-    """Return the smallest share of power that a swing takes from the hand, for each admittance (k, k) of `Y` (n, k, k).
+    """Return the smallest share (n,), -1 .. 1, of the exchanged power that a swing takes from the hand; `Y` (n, k, k).
 
-    The share is relative to the exchanged power, -1 .. 1 (n,); negative if the robot supplies energy to some swing.
+    It is negative if the robot supplies energy to some swing.
     """
     part = 0.5 * (Y + np.conj(np.swapaxes(Y, -1, -2)))
     return np.linalg.eigvalsh(part)[:, 0] / np.linalg.norm(Y, 2, axis=(1, 2))

@@ -73,10 +73,9 @@ Loops: TypeAlias = control.StateSpace
 class DriveModel:
     """Linear model of a drive per tick: x(k+1) = A x + B u, theta_m(k+1) - theta_m(k) = C x + D u.
 
-    The input u is (omega_ref, tau_load) of the tick, SI.
+    The input u is (omega_ref, tau_load) of the tick, SI; A to D are (n, n), (n, 2), (1, n), (1, 2); n may be 0.
 
     Attributes:
-        A, B, C, D: (n, n), (n, 2), (1, n), (1, 2); n may be 0.
         residual: rms distance of the model from the measured response, the larger of command and load. It is relative
             to the response at each frequency, to a tenth of the largest, or to ten times the measurement's uncertainty,
             whichever is largest.
@@ -104,16 +103,12 @@ class DriveModel:
 def fit_drive(
     frequencies: Matrix, response: NDArray[np.complex128], uncertainty: Matrix, tick: float, label: str
 ) -> DriveModel:
-    """Fit the smallest stable linear model that is close to a drive's measured frequency response.
+    """Fit the smallest stable linear model that is close to a drive's measured frequency response, else refuse it.
 
     Args:
         frequencies: Hz (n,), below half the tick rate; 0 for the steady gain.
-        response: (n, 2), advance per tick over omega_ref (rad per rad/s) and tau_load (rad per N m).
+        response: (n, 2), advance per tick (s) over omega_ref (rad per rad/s) and tau_load (rad per N m).
         uncertainty: standard deviation of `response` (n, 2).
-        tick: s.
-
-    Raises:
-        InputRefused: no stable model is close: the drive is nonlinear.
     """
     z = np.exp(2j * np.pi * tick * frequencies)
     p = np.exp(-2.0 * np.pi * CENTRE_FREQUENCY * tick)
@@ -219,13 +214,11 @@ class LoopSettings(NamedTuple):
 
 
 class Estimation(NamedTuple):
-    """The linearised estimator at an operating point: derivatives by the six angles theta_m, theta_l.
+    """The linearised estimator at a point: Jacobian J (3, 3), rad/m, and derivatives (3, 6) by theta_m, theta_l.
 
     Attributes:
-        J: Jacobian at the point (3, 3), rad/m.
-        p_B, tau_l, F_ee_B: derivatives (3, 6).
-        turned: derivative (3, 6) of J u for the steady output u of the position law, i.e. the change of a steady motor
-            command due to the change of the estimated Jacobian.
+        turned: derivative of J u for the steady output u of the position law, i.e. the change of a steady motor command
+            due to the change of the estimated Jacobian.
     """
 
     J: Matrix
@@ -238,8 +231,7 @@ class Estimation(NamedTuple):
 def estimation(belief: Belief, gravity_compensation: bool, read: Matrix, standing: Matrix) -> Estimation:
     """Linearise the controller's estimator around the encoder angles (6,): theta_m, then theta_l, rad.
 
-    Args:
-        standing: motor speeds (3,) that the law commands at rest, rad/s, to compensate the drives' droop.
+    `standing` (3,): motor speeds that the law commands at rest, rad/s, to compensate the drives' droop.
     """
     at = memory_of(_ESTIMATION_RECORD, belief=tuple(belief), gravity_compensation=gravity_compensation)
     per_turn = np.repeat([belief.motor_counts, belief.joint_counts], 3) / (2.0 * np.pi)
@@ -281,12 +273,8 @@ def linear_law(settings: LoopSettings, estimation: Estimation) -> LinearLaw:
     inputs = 6 + len(LOOPS) + len(REFERENCE_SIGNALS)
     columns = [_call(settings, estimation, z[:LAW_STATES], z[LAW_STATES:]) for z in np.eye(LAW_STATES + inputs)]
     whole = np.stack(columns, axis=1)
-    return LinearLaw(
-        whole[:LAW_STATES, :LAW_STATES],
-        whole[:LAW_STATES, LAW_STATES:],
-        whole[LAW_STATES:, :LAW_STATES],
-        whole[LAW_STATES:, LAW_STATES:],
-    )
+    (A, B), (C, D) = (np.split(rows, [LAW_STATES], axis=1) for rows in np.split(whole, [LAW_STATES]))
+    return LinearLaw(A, B, C, D)
 
 
 def _call(settings: LoopSettings, estimation: Estimation, state: Matrix, inputs: Matrix) -> Matrix:
@@ -323,13 +311,10 @@ def _damping_speeds(settings: LoopSettings, slow: Matrix, tau_l: Matrix) -> tupl
 
 
 class LoopStepping(NamedTuple):
-    """Timing of the co-simulation for the linear analysis: tick, substeps, controller period, delay.
+    """Timing of the co-simulation for the linear analysis: tick (s), and substeps of the plant per tick.
 
     Attributes:
-        tick: s.
-        substeps: substeps of the plant per tick.
-        period: ticks between two calls of the controller.
-        delay: ticks from its call to the drives.
+        period, delay: ticks between two calls of the controller, and from its call to the drives.
         jacobi: whether all continuous components see the values at the start of the tick; otherwise the plant sees the
             drives' newest angles.
     """
@@ -360,9 +345,7 @@ def runge_kutta_step(A: Matrix, B: Matrix, h: float, substeps: int) -> tuple[Mat
 def tick_map(plant: control.StateSpace, drives: Sequence[DriveModel], stepping: LoopStepping) -> control.StateSpace:
     """Build the linear model of drives and plant over one tick, from motor speed commands to angles and true signals.
 
-    Args:
-        plant: linearised, continuous time, inputs theta_m_1 .. 3, outputs with the names used here.
-        drives: one per joint.
+    The plant is linearised, in continuous time, with inputs theta_m_1 .. 3 and the names of outputs used here.
     """
     rows = {name: i for i, name in enumerate(plant.output_labels)}
     A_p, B_p = runge_kutta_step(plant.A, plant.B, stepping.tick, stepping.substeps)
@@ -386,16 +369,8 @@ def tick_map(plant: control.StateSpace, drives: Sequence[DriveModel], stepping: 
     C = np.zeros((len(MEASURED_ANGLES) + len(TRUE_SIGNALS), n))
     C[range(3), angle] = 1.0
     C[3:, :n_p] = plant.C[[rows[name] for name in (*MEASURED_ANGLES[3:], *TRUE_SIGNALS)]]
-    return control.ss(
-        A,
-        B,
-        C,
-        np.zeros((len(C), 3)),
-        stepping.tick,
-        inputs=list(SPEED_COMMANDS),
-        outputs=[*MEASURED_ANGLES, *TRUE_SIGNALS],
-        name="tick",
-    )
+    D, outputs = np.zeros((len(C), 3)), [*MEASURED_ANGLES, *TRUE_SIGNALS]
+    return control.ss(A, B, C, D, stepping.tick, inputs=list(SPEED_COMMANDS), outputs=outputs, name="tick")
 
 
 def period_map(tick: control.StateSpace, stepping: LoopStepping) -> control.StateSpace:
@@ -437,28 +412,18 @@ def open_loops(robot: control.StateSpace, law: LinearLaw, whole: bool = False) -
 
     Args:
         robot: result of `period_map`; its outputs must not depend directly on an input.
-        law: with the same period.
         whole: whether to keep states that no input reaches or no output sees, the states of `robot` first.
     """
     angles = len(MEASURED_ANGLES)
     C_m, C_true = robot.C[:angles], robot.C[angles:]
     omega, rest = slice(0, 3), slice(3, None)
-    A = np.block(
-        [
-            [robot.A + robot.B @ law.D[omega, :angles] @ C_m, robot.B @ law.C[omega]],
-            [law.B[:, :angles] @ C_m, law.A],
-        ]
-    )
+    moved = [robot.A + robot.B @ law.D[omega, :angles] @ C_m, robot.B @ law.C[omega]]
+    A = np.block([moved, [law.B[:, :angles] @ C_m, law.A]])
     at_the_law = np.vstack([robot.B @ law.D[omega, angles:], law.B[:, angles:]])
     at_the_drives = np.vstack([robot.B, np.zeros((len(law.A), len(SPEED_COMMANDS)))])
     B = np.hstack([at_the_law, at_the_drives])
-    C = np.vstack(
-        [
-            np.hstack([law.D[rest, :angles] @ C_m, law.C[rest]]),
-            np.hstack([law.D[omega, :angles] @ C_m, law.C[omega]]),
-            np.hstack([C_true, np.zeros((len(C_true), len(law.A)))]),
-        ]
-    )
+    signals, commands = ([law.D[part, :angles] @ C_m, law.C[part]] for part in (rest, omega))
+    C = np.block([signals, commands, [C_true, np.zeros((len(C_true), len(law.A)))]])
     D = np.zeros((len(C), B.shape[1]))
     D[: len(law.D), : at_the_law.shape[1]] = np.vstack([law.D[rest, angles:], law.D[omega, angles:]])
     outputs = [*LOOPS, *ESTIMATED_SIGNALS, *SPEED_COMMANDS, *robot.output_labels[angles:]]

@@ -299,10 +299,6 @@ def disk_margin(loops: Loops, gains: dict[str, float], breaks: Sequence[str]) ->
     for _ in range(3):
         which, alpha = smallest_disk(sensitivity(loops, gains, breaks, omega))
         found = DiskMargin(alpha, float(omega[which]))
-        omega = _refined_frequencies(omega, which)
+        low, high = omega[max(which - 1, 0)], omega[min(which + 1, len(omega) - 1)]
+        omega = np.union1d(np.geomspace(low, high, 2 * REFINED_POINTS + 1), omega[which])
     return found
-
-
-def _refined_frequencies(omega: Matrix, which: int) -> Matrix:
-    low, high = omega[max(which - 1, 0)], omega[min(which + 1, len(omega) - 1)]
-    return np.unique(np.concatenate([np.geomspace(low, high, 2 * REFINED_POINTS + 1), [omega[which]]]))

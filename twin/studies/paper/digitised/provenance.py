@@ -18,8 +18,6 @@ Points = tuple[tuple[float, float], tuple[float, float]]
 
 
 class Figure(Settings):
-    """The paper's figure behind a digitised curve."""
-
     number: str
     panel: str
     curve: str
@@ -27,8 +25,6 @@ class Figure(Settings):
 
 
 class Digitisation(Settings):
-    """Author, date and tool of the digitisation of a curve."""
-
     by: str
     on: datetime.date
     tool: str

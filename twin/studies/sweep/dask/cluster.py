@@ -41,17 +41,10 @@ class ClusterLost(ComponentFailed):
 def call_with_timeout(
     limit: float, call: Callable[..., T], *arguments: Any, hear: Callable[[], None] = raise_interrupt, **named: Any
 ) -> T:
-    """Run a call in a separate thread and return its result within `limit` s.
+    """Run a call in a separate thread and return its result within `limit` s, else raise TimeoutError.
 
     Dask's calls have no complete timeout, and in a separate thread Ctrl-C cannot interrupt them halfway. A call that
-    does not return is abandoned with its thread.
-
-    Args:
-        hear: function polled while waiting; its exceptions propagate while `call` continues.
-
-    Raises:
-        TimeoutError: the call has not returned within `limit` s.
-        KeyboardInterrupt: Ctrl-C.
+    does not return is abandoned with its thread. `hear` is polled while waiting; its exceptions propagate.
     """
     answer: Future[T] = Future()
 

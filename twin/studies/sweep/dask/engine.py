@@ -42,8 +42,6 @@ WORKER_DEATH = failure("the Dask worker died whenever it was tried")
 
 
 class DaskEngine:
-    """Executor of a sweep's runs that uses the workers of a Dask cluster."""
-
     def __init__(self, scheduler: str):
         self._scheduler = scheduler
 
@@ -61,8 +59,6 @@ class DaskEngine:
 
 
 class _Batches:
-    """The batches of runs of a sweep that is in progress on a cluster."""
-
     def __init__(self, client: Client, job: Job, tasks: Sequence[Task]):
         assert client.scheduler is not None
         self._client, self._job, self._sweep = client, job, uuid.uuid4().hex
@@ -153,7 +149,6 @@ class _Batches:
         self._ended.add(future)
 
     def _is_worker_death(self, reply: Any) -> bool:
-        """Whether a batch failed because all cluster workers that tried it have died."""
         match reply:
             case list():
                 return False

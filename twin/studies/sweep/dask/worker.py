@@ -15,7 +15,7 @@ from twin.studies.sweep.plan import Task
 from twin.studies.sweep.stored import SWEEP_FILE
 
 RunFacts = tuple[int, dict[str, Any]]
-"""(run number, fields of its `RunFinding`)."""
+"""(run number, its `run_fields`)."""
 
 
 class _SweepEnd(Exception):

@@ -9,7 +9,6 @@ import numpy as np
 
 from twin.kernel.errors import InputRefused, nearest, terminal_text
 from twin.studies.result import Block, Column, Note, Table, count_text, lay_out
-from twin.studies.sweep.columns import Column as Values
 from twin.studies.sweep.columns import Columns, Positions
 from twin.studies.sweep.measures import (
     BY_COLUMN,
@@ -48,11 +47,9 @@ SENSITIVITY_KEYS = ("correlation", "indices")
 
 @dataclass(frozen=True)
 class ReportPart:
-    """A titled table with remarks.
+    """A titled table, which may be empty, with remarks, the sentences below it.
 
     Attributes:
-        head, rows: column titles, and cells of each row; empty without a table.
-        remarks: sentences below the table.
         notes: text of a first cell -> explanation, shown only on a page, where there is room.
         text_only: titles of columns that a page leaves out, because it has a picture.
     """
@@ -88,14 +85,15 @@ def number(value: float, digits: int = 4) -> str:
     return "0" if abs(value) < 1e-12 else f"{value:.{digits}g}"
 
 
-def interval(ends: tuple[float, float], form: str = ".2f") -> str:
-    """Format an interval, `0.12 .. 0.34`; `-` if an end is NaN."""
-    low, high = ends
+def interval(ends: sensitivity.Interval, form: str = ".2f") -> str:
+    """Format an interval, `0.12 .. 0.34`; `-` without one, or if an end is NaN."""
+    low, high = ends or (math.nan, math.nan)
     return "-" if math.isnan(low) or math.isnan(high) else f"{low:{form}} .. {high:{form}}"
 
 
-def parameter_text(parameters: Values | None, row: int) -> str:
+def parameter_text(sweep: SweepRows, label: str, row: int) -> str:
     """Format the value of a parameter in a row; `-` if the run does not have it."""
+    parameters = sweep.columns.by_name.get(f"parameters/{label}")
     parameter = None if parameters is None else parameters[row]
     if parameter is None or parameter != parameter:
         return "-"
@@ -137,14 +135,8 @@ def claims_part(sweep: SweepRows) -> ReportPart | None:
     if missing := len(columns) - judged:
         remarks.append(f"{missing} of {len(columns)} runs did not end and are not judged: reasons below")
     remarks += [f"{one.claim.key}: trivial in {one.trivial} runs, not counted" for one in found if one.trivial]
-    return ReportPart(
-        "claims",
-        f"claims of Fig. 4 over {judged} runs",
-        head,
-        lines,
-        remarks,
-        {one.claim.key: one.claim.text for one in found},
-    )
+    notes = {one.claim.key: one.claim.text for one in found}
+    return ReportPart("claims", f"claims of Fig. 4 over {judged} runs", head, lines, remarks, notes)
 
 
 def _quantile_text(one: ranking.Likelihood, quantile: int) -> str:
@@ -214,8 +206,8 @@ def _indices(sweep: SweepRows, columns: Columns, metric: str, of: str) -> Report
         return ReportPart("indices", title, [], [], remarks)
     names = short_names(sweep.labels)
     lines = [
-        [names[one.label], f"{one.first:.2f}", _range(one.first_interval), f"{one.total:.2f}",
-         _range(one.total_interval)]
+        [names[one.label], f"{one.first:.2f}", interval(one.first_interval), f"{one.total:.2f}",
+         interval(one.total_interval)]
         for one in sorted(found.entries, key=lambda one: -one.total)
     ]  # fmt: skip
     ranges = [some for one in found.entries for some in (one.first_interval, one.total_interval) if some]
@@ -231,16 +223,11 @@ def _indices(sweep: SweepRows, columns: Columns, metric: str, of: str) -> Report
     return ReportPart("indices", title, ["parameter", "first", "95 %", "total", "95 %"], lines, remarks)
 
 
-def _range(found: sensitivity.Interval) -> str:
-    return interval(found) if found else "-"
-
-
 @dataclass(frozen=True)
 class SweepQuery:
-    """A query for the report of a sweep.
+    """A query for the report of a sweep, ranked `by` a metric; `against`: the other one of the Pareto front.
 
     Attributes:
-        against: other metric of the Pareto front.
         worst_over: parameter over which every choice of the other parameters is judged by its worst run; None to skip.
     """
 
@@ -294,10 +281,7 @@ def headline(sweep: SweepRows, by: str) -> str:
 def _varied_values(sweep: SweepRows, row: int) -> str:
     """Format the varied values of a run, `: k_s_Nm_per_rad = 1.5, kp = 2`; "" if there are too many for a headline."""
     names = short_names(sweep.labels)
-    found = [
-        f"{names[label]} = {parameter_text(sweep.columns.by_name.get(f'parameters/{label}'), row)}"
-        for label in sweep.labels
-    ]
+    found = [f"{names[label]} = {parameter_text(sweep, label, row)}" for label in sweep.labels]
     if len(sweep.drives) > 1:
         found.append(f"drive {sweep.columns.categorical('drive')[row] or '-'}")
     return f": {', '.join(found)}" if 0 < len(found) <= MAX_HEADLINE_VALUES else ""
@@ -375,10 +359,10 @@ def _worst(sweep: SweepRows, asked: SweepQuery, label: str) -> ReportPart:
     several = len(sweep.drives) > 1
     rows = [
         [
-            *(parameter_text(columns.by_name.get(f"parameters/{other}"), one.row) for other in others),
+            *(parameter_text(sweep, other, one.row) for other in others),
             *([columns.categorical("drive")[one.row] or ""] if several else []),
             "failed" if math.isinf(one.metric) else number(one.metric),
-            parameter_text(columns.by_name.get(f"parameters/{label}"), one.row),
+            parameter_text(sweep, label, one.row),
             str(one.runs),
             str(one.bad) if one.bad else "-",
         ]
@@ -416,7 +400,7 @@ def _runs(sweep: SweepRows, rows: Positions, asked: SweepQuery) -> tuple[list[st
             str(columns.run_number(row)),
             *(number(value(columns, metric)[row]) for metric in metrics),
             *([columns.categorical("drive")[row] or ""] if several else []),
-            *(parameter_text(columns.by_name.get(f"parameters/{label}"), row) for label in sweep.labels),
+            *(parameter_text(sweep, label, row) for label in sweep.labels),
             *(number(value(columns, metric)[row]) for metric in beside),
         ]
         for row in rows

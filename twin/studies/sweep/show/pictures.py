@@ -77,11 +77,8 @@ HEIGHT_MARGIN = 0.1
 def visible_dots(x: Numbers, y: Numbers, most: int, cells: int = 150) -> Positions:
     """Return the positions of the dots to draw in a scatter plot, leaving out dots hidden beneath others.
 
-    In a crowd these are the last `most` of each cell, which are on top.
-
-    Args:
-        x, y: coordinates on the paper, in any unit.
-        cells: number of cells along each axis; with 150 a cell is smaller than a dot.
+    In a crowd these are the last `most` of each cell, which are on top. Coordinates have any unit; with 150 `cells`
+    along each axis a cell is smaller than a dot.
     """
     if len(x) <= MAX_DOTS:
         return np.arange(len(x))
@@ -176,10 +173,8 @@ def shown_range(values: Numbers) -> tuple[float, float, str]:
     if not outside or reach == 0.0:
         return least, most, ""
     low, high = float(inside.min()), float(inside.max())
-    hint = (
-        f"{outside} of {len(values)} are far out, {least:.3g} to {most:.3g} in all: coloured as {low:.3g} or {high:.3g}"
-    )
-    return low, high, hint
+    far = f"{outside} of {len(values)} are far out, {least:.3g} to {most:.3g} in all"
+    return low, high, f"{far}: coloured as {low:.3g} or {high:.3g}"
 
 
 def _draw_panel(panel: Axes, shade: ScalarMappable, x: Numbers, y: Numbers, numbers: Numbers) -> None:

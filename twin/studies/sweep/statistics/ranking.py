@@ -78,10 +78,9 @@ def round_metrics(numbers: Numbers) -> Numbers:
 
 
 def usual_metric(columns: Columns) -> str:
-    """Return the default metric for ranking a sweep's runs.
+    """Return the default metric for ranking: the hold error, else that since the first touch, else the lateral error.
 
-    The hold error; the error since the first touch if no run held a force, or the rows are of an older twin; the
-    lateral error if no force was controlled.
+    Runs lack the first if none held a force, or the rows are of an older twin; the second if no force was controlled.
     """
     return _first_available(columns, USUAL_METRICS)
 
@@ -199,14 +198,12 @@ def drive_mask(columns: Columns, drive: str | None) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class MetricSpread:
-    """Distribution of a metric over the runs of a sweep.
+    """Distribution of a metric over the runs of a sweep that have it, with the values at `QUANTILES`.
 
     Attributes:
-        numbers: values of the runs that have the metric, in the order of runs.
-        quantiles: values at `QUANTILES`.
-        counts: counts of `HISTOGRAM_BINS` bins of equal width from the smallest to the largest value; of a single bin
-            if the values differ only by rounding.
-        edges: edges of the bins, one more than there are bins.
+        numbers: values in the order of runs.
+        counts, edges: counts of `HISTOGRAM_BINS` bins of equal width from the smallest to the largest value, or of a
+            single bin if the values differ only by rounding; one edge more than there are bins.
     """
 
     metric: str
@@ -269,8 +266,7 @@ class WorstRun:
     Attributes:
         row: row of the worst run.
         metric: metric of that run; infinity if it failed, tripped, broke a limit or has no number.
-        runs: number of runs of this choice.
-        bad: number of these runs without a valid number.
+        runs, bad: number of runs of this choice, and of those without a valid number.
     """
 
     row: int
@@ -306,10 +302,9 @@ def worst_over(columns: Columns, metric: str, label: str, labels: Sequence[str])
 
 @dataclass(frozen=True)
 class DriveScore:
-    """Score of a drive in the ranking of a sweep's drives.
+    """Score of a drive in the ranking of a sweep's drives; its name is "" for the experiment's own.
 
     Attributes:
-        drive: name; "" for the experiment's own.
         completed: number of runs done with a number.
         median, worst: median and largest metric over the completed runs; NaN without completed runs.
         behind, behind_interval: median over points of the difference to the first drive, and its 95 % interval; NaN for
@@ -416,12 +411,10 @@ def _median(numbers: Numbers) -> float:
 
 @dataclass(frozen=True)
 class Likelihood:
-    """Probability that a claim of the paper holds in a sweep.
+    """Probability, with its 95 % interval, that a claim of the paper holds in a sweep.
 
     Attributes:
-        claim: claim judged.
         trivial: number of runs where the claim is trivial.
-        interval: 95 % interval of the probability.
         quantiles: measured quantity at `QUANTILES`, in the claim's unit; infinity if the event never happens.
     """
 
@@ -503,19 +496,15 @@ def bands(rows: Sequence[Row]) -> Bands | None:
             continue
         try:
             all_curves.append(unpack_curves(row["curves"]))
+            (t, first), (now, curves) = all_curves[0], all_curves[-1]
+            if len(now) != len(t) or curves.keys() != first.keys():
+                raise ValueError("other curves than the first run")
         except ValueError as problem:
-            raise _curves_refusal(row) from problem
-        (t, first), (now, curves) = all_curves[0], all_curves[-1]
-        if len(now) != len(t) or curves.keys() != first.keys():
-            raise _curves_refusal(row)
+            raise InputRefused(
+                f"{ROWS_FILE}: run {row['run']} has damaged curves, or others than the other runs; remove its line, "
+                "the run is then done again"
+            ) from problem
     if not all_curves:
         return None
     quantiles = {name: np.quantile([values[name] for _, values in all_curves], QUANTILES, axis=0) for name in first}
     return Bands(t, quantiles, len(all_curves))
-
-
-def _curves_refusal(row: Row) -> InputRefused:
-    return InputRefused(
-        f"{ROWS_FILE}: run {row['run']} has damaged curves, or others than the other runs; remove its line, the run "
-        "is then done again"
-    )

@@ -24,11 +24,9 @@ index four times in five, because A and B are not independent in so short a Sobo
 
 @dataclass(frozen=True)
 class Correlation:
-    """Spearman's rank correlation of a varied parameter with a metric.
+    """Spearman's rank correlation of a varied parameter with a metric, > 0 if both rise, and its 95 % interval.
 
     Attributes:
-        rho: correlation, -1 .. 1; positive if the metric rises with the parameter.
-        low, high: 95 % interval.
         p: probability of an equally strong correlation if the two were independent.
     """
 
@@ -42,11 +40,10 @@ class Correlation:
 def rank_correlation(columns: Columns, label: str, metric: str) -> Correlation | None:
     """Compute the rank correlation of a parameter with a metric over the runs of one drive.
 
-    None if too few runs have both, or one is constant.
-
-    Sources: Spearman (1904), ties share the mean of their ranks. Interval: Fisher's z with the variance (1 + rho^2/2) /
-    (n - 3) of Bonett and Wright (2000). p: Student's t with n - 2 degrees of freedom (Kendall and Stuart, Advanced
-    Theory of Statistics 2, 31.19). Only monotonic relations are detected.
+    None if too few runs have both, or one is constant. Sources: Spearman (1904), ties share the mean of their ranks.
+    Interval: Fisher's z with the variance (1 + rho^2/2) / (n - 3) of Bonett and Wright (2000). p: Student's t with
+    n - 2 degrees of freedom (Kendall and Stuart, Advanced Theory of Statistics 2, 31.19). Only monotonic relations are
+    detected.
     """
     x, y = parameter(columns, label), value(columns, metric)
     both = ~(np.isnan(x) | np.isnan(y))
@@ -95,8 +92,7 @@ class Index:
 
     Attributes:
         first: share of the variance that would vanish if the parameter were known.
-        total: share that would remain if everything else were known; exceeds `first` if the parameter interacts with
-            others.
+        total: share that would remain if everything else were known; exceeds `first` if parameters interact.
     """
 
     label: str
@@ -108,10 +104,9 @@ class Index:
 
 @dataclass(frozen=True)
 class Indices:
-    """Sobol' indices of all varied parameters, from the rows of one drive.
+    """Sobol' indices of all varied parameters, from the rows of one drive; without entries if they do not exist.
 
     Attributes:
-        entries: indices per parameter; empty if they cannot be computed.
         remark: reason why they cannot be computed, or a limitation.
         blocks, planned: number of complete blocks of d + 2 runs, and of blocks in the design.
     """
@@ -129,8 +124,8 @@ def sobol_indices(columns: Columns, labels: Sequence[str], runs: int, metric: st
 
     Args:
         labels: labels of the d parameters, in the order of the design.
-        runs: number of runs planned for this drive, in blocks of d + 2. Run numbers of a drive are consecutive; each
-            block starts where `saltelli_cube` begins one.
+        runs: number planned for this drive, in blocks of d + 2 as `saltelli_cube` begins them; run numbers of a drive
+            are consecutive.
     """
     width = len(labels) + 2
     planned = runs // width
