@@ -102,7 +102,7 @@ def test_what_is_left_of_a_run_is_worked_out_of_its_recording(tmp_path: Path, mo
     with pytest.raises(InputRefused, match=r"it ended at 1\.5 s, nothing is left to run"):
         load_continuation("run", ())
     for settings in (("controller.force.kp_mm_per_N=3",), ("duration_s=2", "controller.force.kp_mm_per_N=3")):
-        with pytest.raises(InputRefused, match="with --from only duration_s can be another .*; twin branch changes more"):
+        with pytest.raises(InputRefused, match="with --from only duration_s can be another one"):
             load_continuation("run@1", settings)
     with pytest.raises(InputRefused, match="'soon' after the @ is not a time"):
         split_time("run@soon")
