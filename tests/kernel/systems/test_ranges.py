@@ -201,6 +201,8 @@ TEXT_WAYS: dict[str, Callable[[Path, str], object]] = {
 class _Text(float):
     """A value of an SSV file that is written as a text of its own."""
 
+    text: str
+
     def __new__(cls, text: str) -> "_Text":
         made = super().__new__(cls, 0.0)
         made.text = text
