@@ -179,16 +179,11 @@ def _other_duration(settings: Sequence[str]) -> float | None:
 def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: Any) -> None:
     """Run and record experiments, served to live viewers; each run begins with its first viewer.
 
-    <<<<<<< HEAD
-        Notes: {"line": text of the server for the user}; the others are those of `recorded_runs`. Arguments as of
-        `LiveServer` and `recorded_runs`.
-    =======
-        Notes: {"serving": address} when a run waits for its first viewer; {"refused": sentence} for a refused connection
-        meanwhile; the others, and `arguments`, are those of `recorded_runs`. For `port` and `origins`, see `LiveServer`.
-    >>>>>>> w_T3
+    Notes: {"line": text of the server for the user}; the others are those of `recorded_runs`. Arguments as of
+    `LiveServer` and `recorded_runs`.
 
-        Raises:
-            InputRefused: websockets is not installed, the port is taken, or an origin is invalid.
+    Raises:
+        InputRefused: websockets is not installed, the port is taken, or an origin is invalid.
     """
     with live_server(lambda text: reporter.note(line=text), port, origins) as server:
         recorded_runs(reporter, **arguments, viewer=server)
