@@ -223,6 +223,15 @@ def test_the_version_is_that_of_the_package(tmp_path: Path):
         (["run", "x.toml", "--drive"], "twin run: option '--drive' requires an argument; see twin run --help"),
         (["run", "x.toml", "--port", "70000"], "twin run: invalid value for '--port': 70000 is not in the range"),
         (["run", "x.toml", "--limit-wall", "nan"], "twin run: invalid value for '--limit-wall': 'nan' is not a valid"),
+        *(
+            (["cosim", "x.fmu", option, text], f"twin cosim: invalid value for '{option}': '{text}' is not a valid")
+            for option in ("--stop-s", "--limit-wall", "--tick-ms")
+            for text in ("nan", "1_0", "\u0661")
+        ),
+        (
+            ["compare", "a", "b", "--columns", "0_1"],
+            "twin compare: invalid value for '--columns': '0_1' is not a valid",
+        ),
         (["sweep", "show", "a", "b"], "twin sweep show: got unexpected extra argument (b); see twin sweep show --help"),
     ],
 )

@@ -80,6 +80,10 @@ def test_a_robot_that_cannot_be_is_refused_in_one_sentence(tmp_path: Path):
             ["--robot", "mine.toml", "--lengths-mm", "a=nan", "b=35", "l_a=100", "l_b=180"],
             "--lengths-mm a=nan: expected",
         ),
+        (
+            ["--robot", "mine.toml", "--lengths-mm", "a=8_0", "b=35", "l_a=100", "l_b=180"],
+            "--lengths-mm a=8_0: expected a number",
+        ),
         (["--robot", "mine.toml", *LENGTHS, "--masses-g", "m_p=0"], "--masses-g m_p=0: expected"),
         ([*LENGTHS], "expected --robot my_robot.toml"),
         (["--masses-g", "m_p=1"], "expected --robot my_robot.toml"),

@@ -16,6 +16,7 @@ from twin.kernel.units import (
     Dimension,
     Unit,
     known_unit,
+    parse_float,
     weight_hint,
 )
 
@@ -138,3 +139,14 @@ def test_grams_of_a_force_are_answered_with_the_unit_that_was_meant(got: str, wa
     assert hint.endswith("did you mean gf (or kgf)?") if hinted else hint == ""
     # what is offered is such a unit
     assert unit("gf").dimension == unit("kgf").dimension == FORCE
+
+
+@given(st.floats(), st.sampled_from(["{!r}", "{:+e}", " {!r}\t", "\u00a0{!r}"]))
+def test_what_python_prints_is_read_again(number: float, form: str):
+    read = parse_float(form.format(number))
+    assert read is not None and (math.isnan(read) if math.isnan(number) else read == float(form.format(number)))
+
+
+@pytest.mark.parametrize("text", ["", "1_0", "_1", "0x10", "1,5", "\u0661", "\uff11", "1e1_0", "\u22125", "1 0", "one"])
+def test_text_that_is_no_plain_number_is_none(text: str):
+    assert parse_float(text) is None

@@ -18,6 +18,7 @@ from twin.cli.catalogue import COMMAND_GROUPS, HELP_SECTIONS, CommandText, comma
 from twin.cli.completions import COMPLETION_FUNCTIONS
 from twin.cli.withdrawn import withdrawn_options
 from twin.kernel.errors import InputRefused
+from twin.kernel.units import parse_float
 from twin.studies.command import SHARED_OPTIONS, Argument, Isolation, Option
 
 COMPLETE_VARIABLE = "_TWIN_COMPLETE"
@@ -103,24 +104,34 @@ def _value_type(kind: Any, option: Option) -> Any:
         return click.Path(path_type=Path, readable=False)
     bounds: dict[str, Any] = {"min": option.least, "max": option.most}
     if bounds == {"min": None, "max": None}:
-        return kind
+        return {int: _Integer(), float: _Number()}.get(kind, kind)
     return _IntegerRange(**bounds) if kind is int else _NumberRange(**bounds)
 
 
-class _IntegerRange(click.IntRange):
+class _PlainNumber(click.ParamType):
+    """A click parameter type for numbers; click's own accept NaN, `1_000` and digits of all scripts."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        number = parse_float(value) if isinstance(value, str) else value
+        if number is None or number != number:
+            self.fail(f"{value!r} is not a valid {self.name}.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class _Integer(_PlainNumber, click.types.IntParamType):
     name = "integer"
 
 
-class _NumberRange(click.FloatRange):
-    """A click parameter type for a range of numbers; click's own accepts NaN."""
-
+class _Number(_PlainNumber, click.types.FloatParamType):
     name = "number"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        number = super().convert(value, param, ctx)
-        if number != number:
-            self.fail(f"{value!r} is not a valid number.", param, ctx)
-        return number
+
+class _IntegerRange(_PlainNumber, click.IntRange):
+    name = "integer"
+
+
+class _NumberRange(_PlainNumber, click.FloatRange):
+    name = "number"
 
 
 class CommandList(click.Group):

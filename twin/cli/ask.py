@@ -9,6 +9,7 @@ from typing import Any
 from twin.cli.streams import print_answer
 from twin.cli.terminal import TerminalDisplay
 from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.process.exits import EXIT_MESSAGE, report_exit
 from twin.kernel.process.guard import JobFailure, run_guarded
 from twin.kernel.process.job import (
     JobLimits,
@@ -129,13 +130,15 @@ def run_recording_job(
         if isolate == "none":
             from twin.kernel.process.reporter import DirectReporter
 
-            return load_function(job)(DirectReporter(on_note, display.show), **arguments)
+            with report_exit(lambda: f"{EXIT_MESSAGE}\n{recording_status(display.folder)}"):
+                return load_function(job)(DirectReporter(on_note, display.show), **arguments)
         return run_guarded(job, arguments, limits, on_note, display.show)
     except JobFailure as failure:
         raise ComponentFailed(f"{failure}\n{recording_status(display.folder)}") from None
     except KeyboardInterrupt:
         if display.folder is None:
             raise
-        interrupted = StudyInterrupt(interrupt_message(display.folder))
+        continuing = "the same command and" if job == RECORD_JOB else "twin run"
+        interrupted = StudyInterrupt(interrupt_message(display.folder, continuing))
         interrupted.exit_code, _ = interruption()
         raise interrupted from None

@@ -136,6 +136,22 @@ def known_unit(text: str) -> Unit | None:
     return Unit(dimension, factor, pi) if words and words[-1] not in ("/", "per") else None
 
 
+def parse_float(text: str) -> float | None:
+    """Parse a number of ASCII characters, NaN and infinity included; None for other text.
+
+    `float` also reads `1_000` and digits of all scripts; one rule for all texts but TOML refuses both.
+    """
+    try:
+        return float(text) if has_plain_digits(text.strip()) else None
+    except ValueError:
+        return None
+
+
+def has_plain_digits(text: str) -> bool:
+    """Whether numbers in `text` have neither underscores nor digits outside ASCII."""
+    return text.isascii() and "_" not in text
+
+
 def weight_hint(got: Dimension, wanted: Dimension) -> str:
     """Return a hint if a mass unit was given where its weight is expected: `; grams are a mass: ...`; else ""."""
     if got.kg == 0 or got == wanted:

@@ -227,9 +227,11 @@ def run_isolated(
 
     arguments: dict[str, Any] = {"study": name, "asked": dict(asked), "formats": list(formats), "columns": columns}
     if isolate == "none":
+        from twin.kernel.process.exits import EXIT_MESSAGE, report_exit
         from twin.kernel.process.reporter import DirectReporter
 
-        return Answer(**answer_study(DirectReporter(hear), **arguments))
+        with report_exit(lambda: EXIT_MESSAGE):
+            return Answer(**answer_study(DirectReporter(hear), **arguments))
     from twin.kernel.process.guard import JobFailure, JobLoadFailure, run_guarded
 
     try:

@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import os
+import re
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -79,6 +80,32 @@ def test_two_variables_of_one_name_are_refused_with_both_references(tmp_path: Pa
 def test_an_unreadable_description_is_refused(tmp_path: Path, servo: Path):
     bad = altered(servo, tmp_path / "bad.fmu", lambda n, c: (n, c[:100] if n == DESCRIPTION else c))
     assert "cannot be read" in refusal(bad)
+
+
+@pytest.mark.parametrize("drive", ["velocity_servo", "torque_motor_fmi3"])
+def test_a_description_without_any_one_attribute_or_element_is_read_or_refused_in_our_own_words(
+    root: Path, tmp_path: Path, drive: str
+):
+    good = root / "fmus" / drive / f"{drive}.fmu"
+    with zipfile.ZipFile(good) as archive:
+        text = archive.read(DESCRIPTION).decode()
+    parts = sorted({found[0] for found in re.finditer(r'(?<=[^?]) [\w:]+="[^"]*"|<(Real|Float64)[^<>]*/>', text)})
+    refused = 0
+    for number, part in enumerate(parts):
+        # FMPy keeps what it has read of a file
+        bad = altered(
+            good,
+            tmp_path / f"{number}.fmu",
+            lambda name, content, part=part: (
+                (name, content.decode().replace(part, "", 1).encode()) if name == DESCRIPTION else (name, content)
+            ),
+        )
+        try:
+            described(bad)
+        except InputRefused as refusal:
+            refused += 1
+            assert "FMPy" not in str(refusal) and "None" not in str(refusal), (part, str(refusal))
+    assert refused >= 4, refused
 
 
 def test_a_drive_without_this_platforms_binary_is_refused_with_what_it_has(tmp_path: Path, servo: Path):

@@ -218,6 +218,9 @@ def test_what_was_recorded_is_named_and_an_empty_folder_goes(tmp_path: Path):
     (folder / "run.mcap").rename(folder / "run.mcap.partial")
     until_then = f"interrupted; recorded until then: {folder}/run.mcap.partial"
     assert interrupt_message(folder) == f"{until_then}; continue with: twin run --from {folder}"
+    assert interrupt_message(folder, "the same command and").endswith(
+        f"continue with: the same command and --from {folder}"
+    )
     (folder / "run.mcap.partial").unlink()
     (folder / "notes").touch()
     assert interrupt_message(folder) == "interrupted before the first step; nothing is recorded" and folder.exists()

@@ -1,6 +1,7 @@
 """Forms against protobuf's own decoder: what was filled in is what is read, and nothing else has changed."""
 
 import pickle
+import re
 import struct
 from pathlib import Path
 
@@ -86,6 +87,13 @@ TEMPERATURE = Field("T", 1, "double", "K", "deflection temperature")
 @given(field_lists)
 def test_the_schema_alone_tells_name_size_kind_unit_and_meaning(fields: tuple[Field, ...]) -> None:
     assert descriptor_fields("twin.Plant", descriptor_set("twin.Plant", fields)) == fields
+
+
+@given(st.text(max_size=9))
+def test_texts_of_an_fmu_with_line_ends_can_be_read_again(text: str) -> None:
+    described = f"a\n{text}\x85"
+    (field,) = descriptor_fields("twin.X", descriptor_set("twin.X", [Field("x", 1, "double", "1", described)]))
+    assert field.meaning == re.sub(r"[\x00-\x1f\x7f-\x9f]", lambda found: repr(found[0])[1:-1], described)
 
 
 def test_unit_and_meaning_are_the_comment_of_each_protobuf_field() -> None:

@@ -14,7 +14,7 @@ from tests.kernel.fmi.archives import redescribed
 from tests.kernel.fmi.odd import FMI2, FMI3, RANGES, odd_fmu
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
 from twin.kernel.systems.additions import Additions
 from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.opening import open_system
@@ -131,7 +131,7 @@ def fits(name: str, value: float) -> bool:
     if name in REALS:
         most = float(np.finfo(np.float32).max) if name == "Float32" else math.inf
         return math.isfinite(value) and abs(value) <= most
-    low, high = RANGES["Integer" if name == "Enumeration" else name]
+    low, high = RANGES[name]
     return low <= value <= high
 
 
@@ -154,11 +154,7 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 def test_a_value_arrives_as_it_was_given_or_is_refused_by_name(
     way: str, name: str, value: float, fmus: dict[str, Path]
 ):
-    if name == "Enumeration" and way != "wire" and way != "component" and way != "--input":
-        # only its items can be set
-        possible = value in (1, 2, 3)
-    else:
-        possible = fits(name, value)
+    possible = fits(name, value)
     if way == "component":
         # a signal of Python is a double
         value = float(value)
@@ -178,6 +174,57 @@ def test_a_value_arrives_as_it_was_given_or_is_refused_by_name(
     else:
         assert possible, came
         assert came == (float(np.float32(value)) if name == "Float32" else float(value) if name in REALS else value)
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("value", [0, 1, 2, 3, 4, 5, 2**31 - 1])
+def test_an_enumeration_takes_no_value_between_or_beyond_its_items(
+    way: str, value: int, fmus: dict[str, Path], tmp_path: Path
+):
+    fmu = redescribed(fmus["Enumeration"], tmp_path / "gap.fmu", '<Item name="three" value="3"/>',
+                      '<Item name="four" value="4"/>')  # fmt: skip
+    if value in (1, 2, 4):
+        assert WAYS[way](fmu, "Enumeration", value) == value
+        return
+    with pytest.raises((InputRefused, ComponentFailed), match=r"one \(1\), two \(2\), four \(4\)"):
+        WAYS[way](fmu, "Enumeration", value)
+
+
+TEXT_WAYS: dict[str, Callable[[Path, str], object]] = {
+    "--set": lambda fmu, text: one_fmu(fmu, settings=[f"in_Real={text}"]),
+    "--input": lambda fmu, text: one_fmu(fmu, inputs=[f"in_Real={text}"]),
+    "CSV": lambda fmu, text: one_fmu(fmu, inputs=[_written(fmu.with_suffix(".csv"), f"time,in_Real\n0,{text}\n1,0\n")]),
+    "SSV": lambda fmu, text: by_ssv(fmu, "Real", _Text(text)),
+}
+
+
+class _Text(float):
+    """A value of an SSV file that is written as a text of its own."""
+
+    text: str
+
+    def __new__(cls, text: str) -> "_Text":
+        made = super().__new__(cls, 0.0)
+        made.text = text
+        return made
+
+    def __repr__(self) -> str:
+        return self.text
+
+
+def _written(file: Path, text: str) -> str:
+    file.write_text(text, encoding="utf-8")
+    return str(file)
+
+
+@pytest.mark.parametrize("way", TEXT_WAYS)
+@pytest.mark.parametrize("text", ["1_000", "1_0.5", "1e1_0", "\u0661", "\uff11\uff12", "0x10"])
+def test_a_number_in_a_text_has_ascii_digits_alone(way: str, text: str, fmus: dict[str, Path], tmp_path: Path):
+    fmu = tmp_path / "x.fmu"
+    fmu.write_bytes(fmus["Real"].read_bytes())
+    with pytest.raises(TwinError):
+        TEXT_WAYS[way](fmu, text)
+    assert TEXT_WAYS[way](fmu, "1.5e1") is not None
 
 
 @pytest.mark.parametrize(("given", "arrives"), [(2.6, 3), (-2.6, -3), (0.4, 0)])

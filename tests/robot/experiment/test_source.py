@@ -71,6 +71,16 @@ def test_an_override_without_key_or_value_is_refused(tmp_path: Path, text: str):
         apply_overrides(source, [text])
 
 
+@pytest.mark.parametrize("text", ["k=1_000", "k=1_0.5", "k=[1, 2_0]", "k=0x1_0"])
+def test_an_override_with_underscores_in_numbers_is_refused(tmp_path: Path, text: str):
+    source = read_source(write(tmp_path, "e.toml", "k = 1_000"))
+    assert source.values == {"k": 1000}
+    with pytest.raises(InputRefused, match="expected numbers without underscores"):
+        apply_overrides(source, [text])
+    apply_overrides(source, ["a_b=file_1_0.fmu", 'c=["x_1", 2]', "d=[{kind_1 = 2}]"])
+    assert source.values["a_b"] == "file_1_0.fmu"
+
+
 def test_files_that_extend_each_other_are_refused(tmp_path: Path):
     write(tmp_path, "a.toml", 'extends = "b.toml"')
     b = write(tmp_path, "b.toml", 'extends = "a.toml"')

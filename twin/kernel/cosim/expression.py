@@ -15,6 +15,7 @@ from twin.kernel.compiled.function import carray, njit
 from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.component import doubles_at, integers_at
 from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.units import parse_float
 
 MAX_LENGTH = 1000
 """Maximum length of an expression (characters)."""
@@ -86,7 +87,7 @@ def parse_expression(text: str, where: str) -> Expression:
         raise InputRefused(
             f"{where}: '{text}' is neither a file nor an expression; expected {GRAMMAR_PHRASE}"
         ) from None
-    reader = _ExpressionReader(where)
+    reader = _ExpressionReader(where, text.strip())
     try:
         reader.visit(tree.body)
     except RecursionError:
@@ -96,15 +97,15 @@ def parse_expression(text: str, where: str) -> Expression:
 
 
 class _ExpressionReader:
-    def __init__(self, where: str):
-        self._where = where
+    def __init__(self, where: str, text: str):
+        self._where, self._text = where, text
         self.program: list[tuple[int, float]] = []
         self._depth = self.deepest = 0
 
     def visit(self, node: ast.expr) -> None:
         match node:
             case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
-                self._append(OP_NUMBER, 0, self._number(value))
+                self._append(OP_NUMBER, 0, self._number(ast.get_source_segment(self._text, node) or ""))
             case ast.Name(id="t"):
                 self._append(OP_TIME, 0)
             case ast.Name(id="pi"):
@@ -132,11 +133,10 @@ class _ExpressionReader:
             case _:
                 self._refuse(f"'{ast.unparse(node)}' is not allowed; expected {GRAMMAR_PHRASE}")
 
-    def _number(self, value: float) -> float:
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
+    def _number(self, text: str) -> float:
+        number = parse_float(text)
+        if number is None:
+            self._refuse(f"'{text}' is not allowed; expected {GRAMMAR_PHRASE}")
         if not math.isfinite(number):
             self._refuse("a number beyond the range of numbers")
         return number

@@ -36,6 +36,7 @@ STRUCTURAL_PARAMETER = "structuralParameter"
 NEEDS_TOOL, PYTHON_FMU = "needs its authoring tool while running (needsExecutionTool)", "PythonFMU"
 MIN_FILE_AGE = 2_000_000_000
 """Minimum age (ns) of a file whose times identify its content: the coarsest clock of a file system, FAT."""
+SCALAR_TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 INDEX_ATTRIBUTES = ("index", "dependencies", "derivative")
 """Attributes that refer to variables by index, counted from 1 (FMI 2.0.4, 2.2.8)."""
 MAX_CLOCKS = 62
@@ -365,14 +366,18 @@ def _model(file: Path, names: Collection[str]) -> Any:
     try:
         model = read_model_description(str(file), validate=False)
         complete_model(model, file)
-        return model
     # FMPy raises bare Exception, and lxml its own exceptions
     except Exception as problem:
         raise InputRefused(f"{file}: {DESCRIPTION_FILE} cannot be read: {_read_error(file, problem)}") from None
+    identified = all(interface.modelIdentifier for interface in (model.coSimulation, model.modelExchange) if interface)
+    if not identified or model.guid is None:
+        missing = ("instantiationToken" if model.fmiVersion[0] == "3" else "guid") if identified else "modelIdentifier"
+        raise InputRefused(f"{file}: {DESCRIPTION_FILE} has no {missing}; export it again")
+    return model
 
 
 def _read_error(file: Path, problem: Exception) -> str:
-    """Return the reason why FMPy cannot read a model description: the place of an XML error, or a missing reference."""
+    """Return the reason why FMPy cannot read a model description: the place of an XML error, or of a missing part."""
     if type(problem) is Exception:
         # an error message of FMPy itself
         return str(problem)
@@ -380,6 +385,8 @@ def _read_error(file: Path, problem: Exception) -> str:
         root = parse_xml(read_entry(file, DESCRIPTION_FILE, MAX_DESCRIPTION_SIZE), DESCRIPTION_FILE)
     except InputRefused as broken:
         return str(broken).removeprefix(f"{DESCRIPTION_FILE}: ")
+    if not root.get("fmiVersion"):
+        return f"<{root.tag}> has no fmiVersion"
     count = len(root.findall("ModelVariables/*"))
     for element in root.iter():
         for name in (*INDEX_ATTRIBUTES, "valueReference"):
@@ -389,6 +396,20 @@ def _read_error(file: Path, problem: Exception) -> str:
                     return f"{stated}: expected whole numbers"
                 if name in INDEX_ATTRIBUTES and root.get("fmiVersion") == "2.0" and not 1 <= int(word) <= count:
                     return f"{stated}: there are {count} variables"
+    for number, variable in enumerate(root.findall("ModelVariables/*"), start=1):
+        place = f"<{variable.tag}> {number} of {count}, '{variable.get('name', '')}',"
+        for name in ("name", "valueReference"):
+            if variable.get(name) is None:
+                return f"{place} has no {name}"
+        if variable.tag == "ScalarVariable" and not any(child.tag in SCALAR_TYPES for child in variable):
+            return f"{place} has no type; expected one of {', '.join(SCALAR_TYPES)}"
+    known = {variable.get("valueReference") for variable in root.findall("ModelVariables/*")}
+    for element in root.findall("ModelStructure//*"):
+        if element.tag == "Unknown" and element.get("index") is None:
+            return "an <Unknown> of the model structure has no index"
+        reference = element.get("valueReference")
+        if reference is not None and reference not in known:
+            return f'<{element.tag} valueReference="{reference}">: no variable has this value reference'
     return f"FMPy stops with {type(problem).__name__}: {problem}; validate it with the schema of its standard"
 
 

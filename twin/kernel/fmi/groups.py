@@ -83,6 +83,8 @@ GROUP_RECORD = record(
     bytes="i8",  # size of the buffer
     last="i8",  # with events: address of the last input values set
     clocks="i8",  # with events: bit mask of the clocks at whose ticks alone the group changes
+    items="i8",  # of an enumeration: number of its values
+    item_values="i8",  # of an enumeration: address of its values (float64)
     note="i8",  # address of a `NOTE_RECORD`
 )
 """Group of variables of one FMI type: counts, and addresses of functions and arrays."""
@@ -296,13 +298,20 @@ def _scaling(g):
     return carray(_u64(g.slots), g.values), carray(_f64(g.gain), g.values), carray(_f64(g.offset), g.values)
 
 
+@njit(cache=True)
+def _is_item(g, j):
+    """Whether the value at index `j` of an enumeration group's buffer is a value of the enumeration."""
+    items, value = carray(doubles_at(g.item_values), g.items), _load(g.kind, g.buffer, j)
+    return np.any(items == value)
+
+
 @njit(cache=True, inline="always")
 def fill(g, u):
     """Convert component inputs at address `u` to FMU values in a group's buffer; return 0 or `INPUT_OUT_OF_RANGE`."""
     slots, gain, offset = _scaling(g)
     for j in range(g.values):
         value = (carray(_f64(u), slots[j] + 1)[slots[j]] - offset[j]) / gain[j]
-        if not _store(g.kind, g.buffer, j, value):
+        if not _store(g.kind, g.buffer, j, value) or (g.items != 0 and not _is_item(g, j)):
             note = carray(note_at(g.note), 1)[0]
             note.slot, note.value = slots[j], value
             return INPUT_OUT_OF_RANGE

@@ -126,7 +126,7 @@ class Stepping:
         )
         if status == groups.DO_STEP_FAILED + 2:
             varies = instance.description.model.coSimulation.canHandleVariableCommunicationStepSize
-            sentence += "; it may do with shorter steps: raise [drive] substeps"
+            sentence += "; it may do with shorter steps: raise [drive] substeps, or lower --tick-ms of twin cosim"
             sentence += "" if varies else ", as it accepts no other step size"
         return sentence
 
@@ -172,15 +172,17 @@ class Stepping:
         return {f"memory_{number}": array for number, array in enumerate(self.changing_arrays, start=1)} | shorter
 
     def _group_table(self, ports: Iterable[PortSlots], access: str) -> np.ndarray:
-        """Make the table of groups of FMU variables to "Set" or "Get": one FMI type, set of clocks and call each."""
+        """Make the table of groups of FMU variables to "Set" or "Get", with one type, set of clocks and call each."""
         instance = self.instance
-        members: dict[tuple[str, int], list[PortSlots]] = {}
+        members: dict[tuple[str, tuple[float, ...], int], list[PortSlots]] = {}
         for p in ports:
-            key = instance.standard.type_name(p.port.variable), instance.clock_bits(p.port.variable)
+            variable = p.port.variable
+            items = tuple(sorted(variable.items.values()))
+            key = instance.standard.type_name(variable), items, instance.clock_bits(variable)
             members.setdefault(key, []).append(p)
         table = np.zeros(len(members), dtype=groups.GROUP_RECORD)
         self._keep.append(table)
-        for row, (type_name, bits), group in zip(table, members, members.values(), strict=True):
+        for row, (type_name, items, bits), group in zip(table, members, members.values(), strict=True):
             variable = group[0].port.variable
             kind = variable.kind
             slots = np.concatenate([p.slots for p in group])
@@ -189,6 +191,7 @@ class Stepping:
                 "slots": slots.astype(np.uint64),
                 "gain": np.concatenate([np.full(len(p.slots), p.port.gain) for p in group]),
                 "offset": np.concatenate([p.port.offset + p.shift for p in group]),
+                "item_values": np.array(items),
                 "buffer": np.zeros(len(slots) * ITEM_SIZES[kind], dtype=np.uint8),
                 # bytes 0xFF match no input value, so the first value counts as new
                 "last": np.full(len(slots) * ITEM_SIZES[kind], 0xFF, dtype=np.uint8),
@@ -198,7 +201,7 @@ class Stepping:
             row["clocks"], row["bytes"] = bits, len(arrays["buffer"])
             row["note"] = instance.note.ctypes.data
             row["access"] = instance.address(access + type_name)
-            row["variables"], row["values"] = len(group), len(slots)
+            row["variables"], row["values"], row["items"] = len(group), len(slots), len(items)
             for field, array in arrays.items():
                 row[field] = array.ctypes.data
                 (self._moving if field in ("buffer", "last") else self._keep).append(array)

@@ -15,7 +15,7 @@ from twin.kernel.archive import sha256
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import read_bytes
 from twin.kernel.ssp.structure import REAL_TYPES, ParameterValue, UnitDefinition
-from twin.kernel.units import TEMPERATURE, Dimension, Unit, known_unit
+from twin.kernel.units import TEMPERATURE, Dimension, Unit, known_unit, parse_float
 
 _INTEGERS = [f"{sign}Int{bits}" for bits in (8, 16, 32, 64) for sign in ("", "U")]
 NUMERIC_TYPES = ("Float64", "Float32", *_INTEGERS, "Boolean")
@@ -183,14 +183,21 @@ class Variable:
     def range_phrase(self) -> str:
         """Phrase for the type of the variable and its range: `which is UInt8 (0 .. 255)`."""
         low, high = self.bounds
-        return f"which is {self.type} ({low:.17g} .. {high:.17g})"
+        return f"which is {self.type} ({self._item_list or f'{low:.17g} .. {high:.17g}'})"
+
+    @property
+    def _item_list(self) -> str:
+        return ", ".join(f"{name} ({number:g})" for name, number in self.items.items())
 
     def range_error(self, value: float) -> str:
         """Return why `value` is outside the range of the variable's type: `in8 is UInt8; expected 0 .. 255`; or ""."""
         low, high = self.bounds
         # an int is compared without conversion, as a double may round it
         whole = self.type in REAL_TYPES or isinstance(value, int) or not abs(value) < MAX_EXACT // 2
-        if low <= (value if whole else math.floor(value + 0.5)) <= high:
+        arrived = value if whole else math.floor(value + 0.5)
+        if self.items:
+            return "" if arrived in self.items.values() else f"{self.name} is {self.type}; expected {self._item_list}"
+        if low <= arrived <= high:
             return ""
         why = ", which doubles hold exactly" if self.kind in (8, 9) else ""
         return f"{self.name} is {self.type}; expected {low:.17g} .. {high:.17g}{why}"
@@ -241,10 +248,8 @@ def parse_number(text: Any) -> float:
     """Convert the text of an XML attribute to a number; NaN if missing or invalid."""
     if text in ("true", "false"):
         return float(text == "true")
-    try:
-        return float(text)
-    except (TypeError, ValueError):
-        return math.nan
+    number = parse_float(text) if isinstance(text, str) else text
+    return math.nan if number is None else float(number)
 
 
 class Setup(NamedTuple):

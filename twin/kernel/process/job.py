@@ -160,12 +160,15 @@ def recording_status(folder: Path | None) -> str:
     return f"Recorded until then: {relative_path(partial)} ({last_time(partial) or 0.0:.3f} s)."
 
 
-def interrupt_message(folder: Path) -> str:
-    """Return the message after Ctrl-C about the recording in the `folder` of a run; remove an empty folder."""
+def interrupt_message(folder: Path, continuing: str = "twin run") -> str:
+    """Return the message after Ctrl-C about the recording in the `folder` of a run; remove an empty folder.
+
+    `continuing` is the command that continues the run with the option --from.
+    """
     from twin.kernel.recording.folder import PARTIAL_SUFFIX, RECORDING_FILE
 
     if (partial := folder / f"{RECORDING_FILE}{PARTIAL_SUFFIX}").exists():
-        command = f"twin run --from {relative_path(folder)}"
+        command = f"{continuing} --from {relative_path(folder)}"
         return f"interrupted; recorded until then: {relative_path(partial)}; continue with: {command}"
     if (whole := folder / RECORDING_FILE).exists():
         return f"interrupted; the recording is complete: {relative_path(whole)}"

@@ -33,6 +33,7 @@ from twin.kernel.process.reporter import ProcessProxy
 from twin.kernel.recording.folder import FOLDER_STAMP
 from twin.kernel.recording.reader import CONTINUES_KEY, attachments
 from twin.kernel.recording.recorder import Recorder
+from twin.kernel.units import parse_float
 
 RUN_FUNCTIONS = (master.advance.native, cosim_step.step, cosim_step.plain_step, cosim_step.event_step)
 """Compiled functions that step a system and the FMUs in it."""
@@ -259,11 +260,8 @@ def split_time(text: str) -> tuple[str, float | None]:
     path, at, time = text.rpartition("@")
     if not at:
         return text, None
-    try:
-        seconds = float(time)
-    except ValueError:
-        seconds = math.nan
-    if not 0.0 <= seconds < math.inf:
+    seconds = parse_float(time)
+    if seconds is None or not 0.0 <= seconds < math.inf:
         raise InputRefused(f"--from {text}: {time!r} after the @ is not a time in seconds, 0 or more")
     return path, seconds
 

@@ -166,7 +166,10 @@ def descriptor_set(message_name: str, fields: Sequence[Field]) -> bytes:
         file.source_code_info.location.add(
             path=[MESSAGE_TYPE_NUMBER, 0, FIELD_NUMBER, index],
             span=[index, 0, 0],
-            leading_comments=f"{field.unit}: {field.meaning}",
+            # an FMU's texts may have line ends, which `descriptor_fields` refuses
+            leading_comments=CONTROL_CHARACTERS.sub(
+                lambda found: repr(found[0])[1:-1], f"{field.unit}: {field.meaning}"
+            ),
             trailing_comments=f"{field.size} values" if repeated else "",
         )
     return FileDescriptorSet(file=[file]).SerializeToString(deterministic=True)

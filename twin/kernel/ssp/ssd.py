@@ -13,6 +13,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.files import parse_xml
 from twin.kernel.ssp import structure as ssp
 from twin.kernel.ssp.structure import boolean_attribute, child_elements, grouped_children
+from twin.kernel.units import has_plain_digits
 
 MAX_PARAMETERS = 100_000
 """Maximum number of parameters of a set, and of entries of a mapping."""
@@ -91,6 +92,8 @@ def _number(text: str, type_: str, where: str) -> float:
     try:
         if type_ == "Boolean":
             return float(ssp.BOOLEAN_VALUES[text])
+        if not has_plain_digits(text):
+            raise ValueError
         value = float(int(text)) if type_ in ssp.INTEGER_TYPES else float(text) if type_ in ssp.REAL_TYPES else math.nan
         if type_ in ssp.INTEGER_TYPES and value != int(text):
             # exact: a double would round it, and the target variable may refuse the rounded value

@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Literal, NamedTuple, TypeVar
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.units import Dimension
+from twin.kernel.units import Dimension, parse_float
 
 METADATA_ATTRIBUTES = (
     "description",
@@ -213,11 +213,8 @@ def number_attribute(element: ET.Element, attribute: str, where: str, default: D
 
 
 def parse_finite(text: str, where: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
+    value = parse_float(text)
+    if value is None or not math.isfinite(value):
         raise InputRefused(f"{where} = '{text[:40]}'; expected a finite number")
     return value
 

@@ -18,6 +18,7 @@ from twin.kernel.ssp.flat import AssignedValue, FlatSystem
 from twin.kernel.ssp.package import Package
 from twin.kernel.ssp.ssd import parameter_set
 from twin.kernel.systems.naming import SINGLE_FORM
+from twin.kernel.units import parse_float
 
 UNIT_PATTERN = re.compile(r"(?P<value>.*\S)\s*\[(?P<unit>[^\[\]]*)\]")
 _LIST_PATTERN = re.compile(r"\[(?P<values>.*)\]")
@@ -181,8 +182,5 @@ def _typed_number(text: str, variable: Variable, where: str) -> float:
 
 
 def _number(text: str) -> float | None:
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None
+    value = parse_float(text)
+    return value if value is not None and math.isfinite(value) else None

@@ -148,7 +148,8 @@ def _refuse_broken(names: SystemNames, place: ssp.Endpoint, samples: SampledSign
             raise InputRefused(
                 f"{where}: {bad:g} for {variable.name}, which is {variable.type}; expected whole numbers"
             )
-        for value in map(float, (np.nanmin(samples.values), np.nanmax(samples.values))):
+        found = np.unique(samples.values) if variable.items else (np.nanmin(samples.values), np.nanmax(samples.values))
+        for value in map(float, found):
             # a larger integer may have been rounded to MAX_EXACT when it was read
             rounded = abs(value) == MAX_EXACT and variable.type not in ssp.REAL_TYPES
             if why := variable.range_error(2.0 * value if rounded else value):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import parse_toml
+from twin.kernel.units import parse_float
 from twin.robot.assembly.build import monitor_belief
 from twin.robot.assembly.checks.monitor_limits import contradictions, raised_limits
 from twin.robot.assembly.checks.reach import find_obstruction, free_poses
@@ -170,9 +171,10 @@ def start_robot(
             key = f"{name}_{unit}"
             if name not in names or key in own.values["robot"]:
                 raise InputRefused(f"{option} {text}: unknown or given twice; expected each of {', '.join(names)} once")
-            own.merge({"robot": {key: _number(value)}}, f"given: {option}")
-            if not least <= own.values["robot"][key] <= most:
+            number = parse_float(value)
+            if number is None or not least <= number <= most:
                 raise InputRefused(f"{option} {text}: expected a number of {unit} from {least:g} to {most:g}")
+            own.merge({"robot": {key: number}}, f"given: {option}")
     if missing := [name for name in GIVEN_VALUES["--lengths-mm"][0] if f"{name}_mm" not in own.values["robot"]]:
         raise InputRefused(f"--lengths-mm: {', '.join(missing)} is missing; expected a=80 b=35 l_a=100 l_b=180, in mm")
     shipped = read_source(locate_file(f"experiments/{ROBOT_FILE}", Path.cwd())).values
@@ -189,13 +191,6 @@ def start_robot(
         own.merge({table: {key: height}}, source)
     text = commented_robot(DECLARED_TABLES, file.name, own, [*_remarks(robot, home, monitor, own)])
     return write_new(DECLARED_TABLES, file, text)
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
 
 
 def _remarks(robot: Robot, home: float, monitor: Monitor, own: Source) -> Iterable[str]:

@@ -9,6 +9,7 @@ import copy
 import functools
 import json
 import os
+import re
 import shlex
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -237,6 +238,9 @@ def _node(text: str) -> dict[str, Any]:
     # a bare word is text, so that --set controller.mode=position needs no quotes inside quotes
     with contextlib.suppress(InputRefused):
         node = parse_toml(f"value = {node}", "")["value"]
+    # text outside TOML files has plain digits; only quotes and inline tables contain other underscores
+    if isinstance(node, int | float | list) and "_" in value and not re.search("[\"'{]", value):
+        raise InputRefused(f"--set {text}: expected numbers without underscores")
     for name in reversed(names):
         node = {name: node}
     return node

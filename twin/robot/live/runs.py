@@ -14,6 +14,7 @@ from twin.kernel.process.states import StoredState, machine_identity, refuse_oth
 from twin.kernel.recording.folder import discard_run_folder, new_run_folder, recording_in
 from twin.kernel.recording.reader import read_metadata
 from twin.kernel.recording.recorder import versions
+from twin.kernel.units import parse_float
 from twin.robot.assembly.assemble import IN_PROCESS_MAKER
 from twin.robot.assembly.build import DriveMaker, need_processes, planned_drives
 from twin.robot.assembly.load import load_experiment, recorded_experiment
@@ -166,15 +167,12 @@ def load_continuation(run: str, settings: Sequence[str]) -> tuple[Experiment, St
 def _other_duration(settings: Sequence[str]) -> float | None:
     duration = None
     for setting in settings:
-        key, _, number = setting.partition("=")
-        try:
-            if key.strip() != "duration_s":
-                raise ValueError
-            duration = float(number)
-        except ValueError:
+        key, _, text = setting.partition("=")
+        duration = parse_float(text)
+        if key.strip() != "duration_s" or duration is None:
             raise InputRefused(
                 f"--set {setting}: with --from only duration_s can be another one; twin branch changes more"
-            ) from None
+            )
     return duration
 
 

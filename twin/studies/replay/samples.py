@@ -27,8 +27,8 @@ from twin.robot.run.view import RunView, sample_and_hold
 from twin.studies.replay.plausible import ANGLE_OF_COUNT, FORCE_SIGNAL, count_conversion
 from twin.studies.replay.sample_columns import ENCODERS, F_Z, INPUTS, OMEGA_REF
 
-MAX_LOG_TIME = 1e8
-"""Maximum time of a log (s), three years."""
+MAX_LOG_TIME = 4e9
+"""Maximum time of a log (s): a clock may step from 0 to the time since 1970, but milliseconds are refused."""
 MAX_LISTED_NAMES = 12
 
 

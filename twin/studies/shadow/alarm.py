@@ -17,15 +17,12 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.errors import InputRefused
-
-if TYPE_CHECKING:
-    from twin.studies.shadow.reidentification import Reidentifier
 
 Columns = Mapping[str, NDArray[np.float64]]
 BLOCK_LENGTH = 1.0
@@ -225,6 +222,16 @@ def nis_per_count(NIS: NDArray[np.float64], used: NDArray) -> NDArray[np.float64
         return np.asarray(NIS / used, dtype=float)
 
 
+class ParameterFinder(Protocol):
+    """Interface of the search for the changed parameter after an alarm."""
+
+    def ask(self, since: float, t: float) -> None:
+        """Start the search for the changed parameter in the samples since `since`, at `t` (s)."""
+
+    def answer(self) -> str:
+        """Return the result of the search for the changed parameter as a sentence; "" while the search is running."""
+
+
 class ShadowWatch:
     """Watch on a robot: Page's cumulative sums over the block means, and the alarm's state machine.
 
@@ -242,7 +249,7 @@ class ShadowWatch:
         per_hour: float,
         gathering: int = 10,
         cooling: int = 10,
-        reidentifier: "Reidentifier | None" = None,
+        reidentifier: ParameterFinder | None = None,
         share: float = 1.0,
     ):
         self.state, self.changes = WatchState.LISTENING, list[WatchEvent]()

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from twin.kernel.files import foreign_kind, open_regular
 from twin.kernel.recording.logs.log import MAX_QUANTITY, LogError
+from twin.kernel.units import has_plain_digits, parse_float
 
 MAX_FILE_BYTES = 2**30
 """Maximum size (bytes): four hours of 36 columns at 200 Hz, and about as much memory."""
@@ -62,7 +63,7 @@ class WrongFields:
         return self.count - self.empty - len(self.invalid)
 
     def add(self, line: int, text: str) -> None:
-        empty, invalid = not text, INVALID_TEXT.fullmatch(text) is not None or _float(text) is not None
+        empty, invalid = not text, INVALID_TEXT.fullmatch(text) is not None or parse_float(text) is not None
         if not self.count or not (empty or invalid or self.texts):
             self.line, self.text = line, text
         self.count += 1
@@ -237,17 +238,9 @@ def more_text(others: int, what: str) -> str:
     return f" (and {others} more such {what}{'s' * (others > 1)})" if others else ""
 
 
-def _float(text: str) -> float | None:
-    """Parse a text as a float, including NaN, infinity and values beyond any quantity; None for other text."""
-    try:
-        return float(text)
-    except ValueError:
-        return None
-
-
 def _number(text: str) -> float | None:
     """Parse a text as a finite number; None for other text, and for values beyond any quantity."""
-    value = _float(text)
+    value = parse_float(text)
     return value if value is not None and abs(value) <= MAX_QUANTITY else None
 
 
@@ -258,7 +251,7 @@ def _numbers(
     try:
         values = np.fromiter(map(float, texts), np.float64, len(texts))
         # also false for NaN
-        if np.all(np.abs(values) <= MAX_QUANTITY):
+        if np.all(np.abs(values) <= MAX_QUANTITY) and has_plain_digits("".join(texts)):
             return values
     except ValueError:
         pass
