@@ -161,7 +161,7 @@ class Search:
         whole += [False] * len(more)
         best = self.worst[kind][0]
 
-        def made(x: NDArray[np.float64]) -> TriedFault:
+        def tried_fault(x: NDArray[np.float64]) -> TriedFault:
             onset, *rest = (float(each) for each in x)
             shares, (target, body, seed) = rest[: len(sizes)], map(round, rest[len(sizes) : len(sizes) + 3])
             offset = on_disc(space.reach, *rest[-2:]) if space.reach else NO_OFFSET
@@ -173,7 +173,7 @@ class Search:
         def shares(x: NDArray[np.float64]) -> NDArray[np.float64]:
             if len(self.tried) >= last:
                 return np.full(x.shape[1], np.inf)
-            return np.array(self._try([made(column) for column in x.T]))
+            return np.array(self._try([tried_fault(column) for column in x.T]))
 
         first = qmc.LatinHypercube(len(bounds), seed=0).random(POPULATION_SIZE)
         lower, upper = np.array(bounds, dtype=float).T

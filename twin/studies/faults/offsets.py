@@ -31,11 +31,11 @@ def offsets(reach: float) -> tuple[tuple[float, float], ...]:
 def moved_tasks(tasks: Sequence[Any], offset: tuple[float, float]) -> dict[str, dict[str, list[float]]]:
     """Compute the keys that move each [[task]] by `offset` (x, y in m), as task number -> keys and values."""
 
-    def moved(point: Sequence[float]) -> list[float]:
+    def move_point(point: Sequence[float]) -> list[float]:
         return [float(f"{1e3 * (a + b):.9g}") for a, b in zip(point, offset, strict=True)]
 
     return {
-        str(number): {f"{key}_mm": moved(getattr(task, key)) for key in ("point", "to") if hasattr(task, key)}
+        str(number): {f"{key}_mm": move_point(getattr(task, key)) for key in ("point", "to") if hasattr(task, key)}
         for number, task in enumerate(tasks, start=1)
     }
 

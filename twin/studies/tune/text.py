@@ -54,16 +54,16 @@ def fragment(done: TuningResult, experiment: Path, folder: Path, options: Sequen
     """Return the TOML file in `folder` with the tuned gains, and `options` in its comment, extending an experiment."""
     source = f"twin tune: {goals_sentence(done)}" + ("" if done.meets_goals else "; GOALS NOT MET")
 
-    def found(value: float, before: float) -> Any:
+    def gain_value(value: float, before: float) -> Any:
         # Six digits exceed the precision of the search.
         return inline_table({"value": float(f"{value:.6g}"), "source": f"{source}; was {before:.6g}"})
 
     before, after = done.before.gains, done.after.gains
-    laws = {"position": {"kp_per_s": found(after.kp, before.kp), "ki_per_s2": 0, "kd": 0}}
+    laws = {"position": {"kp_per_s": gain_value(after.kp, before.kp), "ki_per_s2": 0, "kd": 0}}
     if done.goals.law == "force":
         laws["force"] = {
-            "kp_mm_per_N": found(1e3 * after.force_kp, 1e3 * before.force_kp),
-            "ki_mm_per_N_s": found(1e3 * after.force_ki, 1e3 * before.force_ki),
+            "kp_mm_per_N": gain_value(1e3 * after.force_kp, 1e3 * before.force_kp),
+            "ki_mm_per_N_s": gain_value(1e3 * after.force_ki, 1e3 * before.force_ki),
             "kd_mm_s_per_N": 0,
         }
     head = f"# twin tune {shlex.join([str(experiment), *options])}: {goals_sentence(done)}\n"

@@ -69,7 +69,7 @@ def shortfalls(
     """
     was, now = before.measures, after.measures
 
-    def grown(key: str) -> bool:
+    def grows(key: str) -> bool:
         old, new = was[key].value, now[key].value
         return old is not None and (new is None or (new > old and ROWS_BY_KEY[key].differs(old, new)))
 
@@ -83,11 +83,11 @@ def shortfalls(
         yield Shortfall(FAILURE_MISS, f"the safety monitor trips in {where.name}: {after.reason}")
     over, held = now[HOLD_OVERSHOOT].value, now[HOLD_ERROR].value
     its_own = where.stiffness is None or was[HOLD_OVERSHOOT].value is None
-    if over is not None and over > overshoot and (its_own or grown(HOLD_OVERSHOOT)):
+    if over is not None and over > overshoot and (its_own or grows(HOLD_OVERSHOOT)):
         yield Shortfall(over - overshoot, f"{where.name} overshoots by {texts(HOLD_OVERSHOOT)}")
     if where.stiffness is None and measure_text(after, HOLD_SETTLING) == NEVER_TEXT:
         yield Shortfall(1.0, f"{where.name} never settles within 5 %")
-    if grown(HOLD_ERROR):
+    if grows(HOLD_ERROR):
         yield Shortfall(FAILURE_MISS if held is None else held, f"{where.name}: hold error {texts(HOLD_ERROR)}")
 
 

@@ -167,7 +167,7 @@ def best_gains(
 
     best = MISS_PRICES["overshoot"]
 
-    def judged(tried: LawGains) -> float:
+    def penalty(tried: LawGains) -> float:
         nonlocal best
         predictions = []
         if not allowed(tried):
@@ -184,7 +184,7 @@ def best_gains(
 
     generations = count(1)
     found = differential_evolution(
-        lambda logarithms: judged(gains(logarithms)),
+        lambda logarithms: penalty(gains(logarithms)),
         bounds,
         seed=SEARCH_SEED,
         popsize=POPULATION_PER_GAIN,
@@ -194,7 +194,7 @@ def best_gains(
         init="sobol",
         callback=lambda intermediate_result: progress(next(generations) / MAX_GENERATIONS),
     )
-    return start if judged(start) <= found.fun else gains(found.x)
+    return start if penalty(start) <= found.fun else gains(found.x)
 
 
 @dataclass(frozen=True)

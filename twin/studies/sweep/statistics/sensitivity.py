@@ -175,11 +175,11 @@ def _indices(blocks: Numbers, labels: Sequence[str]) -> tuple[Index, ...]:
     first, total = estimates(blocks[:, 0], blocks[:, 1], blocks[:, 2:].T)
     halves = half_widths(blocks) if len(blocks) >= MIN_INTERVAL_BLOCKS else np.full((2, len(labels)), np.nan)
 
-    def around(index: float, half: float) -> Interval:
+    def interval(index: float, half: float) -> Interval:
         return (index - half, index + half) if np.isfinite(half) else None
 
     return tuple(
-        Index(label, F, around(F, half_F), T, around(T, half_T))
+        Index(label, F, interval(F, half_F), T, interval(T, half_T))
         for label, F, T, half_F, half_T in zip(
             labels, first.tolist(), total.tolist(), *halves.tolist(), strict=True
         )
