@@ -283,7 +283,10 @@ class TerminalDisplay:
         self._progress.step(what, share)
 
     def on_note(self, note: dict[str, Any]) -> None:
-        """Show a note of a running job on the terminal, see `recorded_runs`, `recorded` and `answered`."""
+        """Show a note of a job's process: progress or a text on standard error, a finished run on standard output.
+
+        The notes are documented at `recorded_runs`, `served_runs` and `answer_study`.
+        """
         if "say" in note:
             self.say(note["say"], note["share"])
         elif "run" in note:

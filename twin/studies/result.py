@@ -54,7 +54,7 @@ def shorten(text: str, length: int) -> str:
 
 
 def join_names(names: Sequence[str], most: int) -> str:
-    """Join at most `most` of `names`: `a, b and 3 more`."""
+    """Join names with commas; beyond `most` names, count the rest: `a, b, c` or `a, b and 3 more`."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 

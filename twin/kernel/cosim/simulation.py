@@ -117,10 +117,10 @@ class Simulation:
         return self._table["cycles"] if self._timed else np.zeros(0, dtype=np.int64)
 
     def advance(self, most: int | None = None) -> np.ndarray:
-        """Run a slice of at most `most` ticks (None: `slice_ticks`); return (ticks, outputs).
+        """Run a slice of at most `most` ticks (None: `slice_ticks`); return its outputs, shape (ticks, outputs).
 
-        One row per tick from the old `next_tick` on, a view that the next call overwrites; after a failure, which
-        `failure` describes, only the rows before it.
+        There is one row per tick, from the old `next_tick` on. The array is a view that the next call overwrites.
+        After a failure, which `failure` describes, it ends before the failed tick.
         """
         done, most = 0, min(len(self._rows), most or len(self._rows))
         # inlined `is_over`, whose call costs a tenth of a slice of small drives

@@ -289,7 +289,7 @@ class _OuterVariables:
         )
 
     def _connector_unit(self, name: str, end: Endpoint) -> ParsedUnit:
-        """Return the unit of a connector, defined by the archive or else by the FMU behind it; "" if not stated."""
+        """Look up the unit that a connector declares, in the archive, then in the FMU behind it; "" if undeclared."""
         connector = self._package.structure.system.connector_of.get(name)
         units, description = self._package.structure.units, self._names.description(end.element)
         return parse_unit(connector.unit if connector else "", units, description)

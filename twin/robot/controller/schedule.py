@@ -47,9 +47,10 @@ def schedule_table(points: Sequence[SchedulePoint]) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def gains_at(points, segment, k):
-    """Interpolate the scheduled gains at stiffness `k` (N/m); return (kp, ki, index of the segment).
+    """Interpolate the scheduled gains at stiffness `k` (N/m), 1 / gain linearly; return (kp, ki, index of the segment).
 
-    The gains are constant beyond the ends of the table. `segment` is any index, such as the one returned last.
+    The gains are constant beyond the ends of the table. The search begins at `segment`, any
+    index of a segment, such as the one returned last.
     """
     last = points.shape[0] - 1
     if k <= points[0].stiffness:

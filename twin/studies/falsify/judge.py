@@ -178,7 +178,7 @@ class Judge:
 
 
 def requirements_of(experiment: Experiment, texts: Sequence[str], path: Path) -> list[Requirement]:
-    """Parse the requirements, and check them against the signals that a recording of `experiment` has."""
+    """Parse requirement `texts`, or the experiment's own if empty, and check that recordings have their signals."""
     if experiment.faults:
         raise InputRefused(f"{path}: has [[fault]] tables; the search inserts one fault at a time, remove them")
     named = [

@@ -88,7 +88,10 @@ def magnitude_between(kind: str, share: float, tick: float, slowest: float | Non
 
 
 def share_of(kind: str, magnitude: float | None, slowest: float | None = None) -> float:
-    """Convert a magnitude to its share of the kind's range, the inverse of `magnitude_between`; 0 without one."""
+    """Convert a magnitude to its signed share of the fault kind's range, the inverse of `magnitude_between`.
+
+    The share is 0 if `magnitude` is None or the kind has no magnitudes.
+    """
     known = FAULT_KINDS[kind]
     if known.magnitudes is None or magnitude is None:
         return 0.0

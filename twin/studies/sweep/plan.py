@@ -252,7 +252,10 @@ def _disagreements(definition: SweepFile) -> list[str]:
 
 
 def why_not_saltelli(tables: Sequence[Vary]) -> list[str]:
-    """Return an error per key that "saltelli" does not support: dependent ones, and ones with equal draws."""
+    """Return an error for each key "values" or "when" of the [[vary]] tables; the design "saltelli" supports neither.
+
+    `values` gives equal draws; `when` makes a parameter depend on another one.
+    """
     return [
         f'[[vary]] {number}: {key} does not go with design = "saltelli", whose parameters are independent numbers; '
         "remove it, or choose another design"

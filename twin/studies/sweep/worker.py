@@ -129,7 +129,7 @@ def _status_and_reason(problem: Exception) -> tuple[str, str]:
 
 
 def _simulate(experiment: Experiment, whole: bool) -> tuple[Outcome, dict[str, float | None]]:
-    """Simulate a run, with all signals if `whole` or measured; return outcome and metrics."""
+    """Simulate a run, with all signals if `whole` or the experiment has measures; return outcome and metrics."""
     runs = Runs(SIGNALS_REQUEST, most=0) if experiment.measures or whole else _runs
     done = runs.run(experiment).require_success()
     assert done.numbers is not None

@@ -41,7 +41,11 @@ class RobotSource(Protocol):
         """Published topics -> types of their messages, such as `sensor_msgs/msg/JointState`."""
 
     def subscribe(self, topic: str) -> ForeignTopic | None:
-        """Subscribe to a topic and return its encoding and type (LogError: unknown); None for a source of readings."""
+        """Subscribe to a published topic and return its encoding and type; None for a source of readings.
+
+        Raises:
+            LogError: the type of the topic's messages is unknown.
+        """
 
     def publisher_count(self, topic: str) -> int:
         """Return the number of publishers of `topic`."""
