@@ -26,7 +26,7 @@ from twin.robot.experiment.experiment import Experiment
 from twin.studies.figure import BLUE, picture
 from twin.studies.result import markdown
 from twin.studies.sweep.engine import Job, LocalEngine
-from twin.studies.sweep.measures import METRICS, RunFinding, failure
+from twin.studies.sweep.measures import METRICS, failure, run_fields
 from twin.studies.sweep.plan import plan_of, short_definition
 from twin.studies.sweep.rows import ROWS_FILE, RowFile
 from twin.studies.sweep.stored import SWEEP_FILE
@@ -110,10 +110,10 @@ def made_up(folder: Path, runs: int) -> None:
             batch = []
             for run, drawn in enumerate(numbers, start=first):
                 measured = dict(zip(metrics, drawn[len(labels) :], strict=True))
-                done, failed = RunFinding("done", "", measured, 0.03, 0.02), failure("drive_1: it crashed")
+                done, failed = run_fields("done", "", measured, 0.03, 0.02), failure("drive_1: it crashed")
                 row = {"run": run, "key": f"{run:016x}", "drive": None, "within_limits": None}
                 row["parameters"] = dict(zip(labels, drawn, strict=False))
-                batch.append(row | (done.row_fields if run % 100 else failed))
+                batch.append(row | (done if run % 100 else failed))
             rows.add(batch)
 
 

@@ -301,8 +301,10 @@ def _scaling(g):
 @njit(cache=True)
 def _is_item(g, j):
     """Whether the value at index `j` of an enumeration group's buffer is a value of the enumeration."""
-    items, value = carray(doubles_at(g.item_values), g.items), _load(g.kind, g.buffer, j)
-    return np.any(items == value)
+    value, found = _load(g.kind, g.buffer, j), False
+    for item in carray(doubles_at(g.item_values), g.items):
+        found |= item == value
+    return found
 
 
 @njit(cache=True, inline="always")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 
 from twin.kernel.errors import ComponentFailed
 
-EXIT_MESSAGE = "a component ended the process with exit(); `--isolate run` reports its name and the step"
+EXIT_MESSAGE = "a component ended the process with exit(); an isolated run reports its name and the step"
 
 
 @contextlib.contextmanager

@@ -163,7 +163,7 @@ def recording_status(folder: Path | None) -> str:
 def interrupt_message(folder: Path, continuing: str = "twin run") -> str:
     """Return the message after Ctrl-C about the recording in the `folder` of a run; remove an empty folder.
 
-    `continuing` is the command that continues the run with the option --from.
+    `continuing` is the command that continues the run.
     """
     from twin.kernel.recording.folder import PARTIAL_SUFFIX, RECORDING_FILE
 

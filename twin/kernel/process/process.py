@@ -94,12 +94,7 @@ class GuardedProcess:
 
     @property
     def processor_time(self) -> float:
-        """Processor time of the guarded process (s); infinity where the system does not report it."""
-        try:
-            # Linux: the id of the clock follows from the pid (clock_getcpuclockid)
-            return time.clock_gettime(cpu_clock(self.pid)) if sys.platform == "linux" else math.inf
-        except OSError:
-            return math.inf
+        return processor_time(self.pid)
 
     @property
     def is_waiting(self) -> bool:
@@ -179,6 +174,15 @@ def resident_memory(pid: int) -> int:
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
         return 0
+
+
+def processor_time(pid: int) -> float:
+    """Return the processor time of the process `pid` (s); infinity where the system does not report it."""
+    try:
+        # Linux: the id of the clock follows from the pid (clock_getcpuclockid)
+        return time.clock_gettime(cpu_clock(pid)) if sys.platform == "linux" else math.inf
+    except OSError:
+        return math.inf
 
 
 def cpu_clock(pid: int) -> int:

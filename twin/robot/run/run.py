@@ -266,7 +266,8 @@ def execute(
 
     Args:
         progress: called with (ticks done, total ticks) after every slice.
-        substitutes, maker: see `assemble`. The recording, the summary and every report name substitutes.
+        substitutes: see `assemble`. The recording, the summary and every report name them.
+        maker: see `assemble`.
         timed: whether to measure the wall time of each component.
         factor: simulated time per wall time, > 0; None for as fast as possible. It leaves no trace in the recording.
         viewer: live viewer, which may change parameters during the run.

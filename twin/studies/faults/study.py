@@ -81,6 +81,7 @@ def faults(
     Example: twin faults experiments/pressing.toml --kind drive_runaway --onset 6
     """
     from twin.kernel.atomic_write import json_text, make_folder, open_unbuffered, write_json
+    from twin.kernel.serialise import to_dict
     from twin.studies.faults.cases import cases, known_kinds
     from twin.studies.faults.matrix import FaultRow, matrix_rows
     from twin.studies.faults.offsets import offsets
@@ -116,7 +117,7 @@ def faults(
         for stage in stages:
             for found in combination_rows(stage, wanted, kinds):
                 together.append(found)
-                append(json_text(found) + "\n")
+                append(json_text(to_dict(found)) + "\n")
                 say(f"{len(rows) + len(together)} of {total} cases", (len(rows) + len(together)) / total)
     if not rows:
         result = combination_result(name, together, wanted, complete)
