@@ -69,5 +69,5 @@ class MasterChoice:
         if self.order and scheme == "jacobi":
             raise InputRefused(
                 f"{where}: --order has no effect with Jacobi coupling, where all step at once; leave it out, or choose "
-                "the scheme gauss_seidel"
+                "--scheme gauss_seidel"
             )
