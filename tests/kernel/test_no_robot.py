@@ -12,9 +12,8 @@ PORTS = {port for row in COMPONENT_ROWS for port in row.inputs} | {
 }
 SIGNALS = {f"{row}.{port}" for one in COMPONENT_ROWS for sources in one.inputs.values() for row, port in sources}
 
-OPTION = re.compile(r"(?<![\w-])--(?!version|no-external-tool)[a-z][a-z-]+")
-"""An option of twin, not of the C compiler or of PythonFMU."""
-MAX_OPTIONS = 96
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
+MAX_OPTIONS = 92
 """Places of the kernel that name an option of the command line; a change lowers it, and none raises it."""
 
 

@@ -111,26 +111,29 @@ class SystemNames:
                     yield variable.name, ssp.Endpoint(path, variable.name)
 
 
-def with_settings(flat: FlatSystem, names: SystemNames, settings: Sequence[str]) -> FlatSystem:
-    """Add the values of settings NAME=VALUE to the outermost system of a package; they override all others."""
+def with_settings(flat: FlatSystem, names: SystemNames, settings: Sequence[str], where: str = "--set") -> FlatSystem:
+    """Add the values of settings NAME=VALUE to the outermost system of a package; they override all others.
+
+    Error messages begin with `where`, which names the option or table of the settings.
+    """
     assigned = {path: dict(values) for path, values in flat.assigned.items()}
     seen: dict[ssp.Endpoint, str] = {}
     for text in settings:
         name, equals, given = (part.strip() for part in text.partition("="))
         if not equals or not name or not given:
-            raise InputRefused(f"--set {text}: expected NAME=VALUE, such as Gain1.k=2")
-        place = names.place(name, "--set")
+            raise InputRefused(f"{where} {text}: expected NAME=VALUE, such as Gain1.k=2")
+        place = names.place(name, where)
         if place in seen:
-            raise InputRefused(f"--set {name} is given twice, {seen[place]} and {given}; remove one")
+            raise InputRefused(f"{where} {name} is given twice, {seen[place]} and {given}; remove one")
         seen[place] = given
         if place.element:
-            value = _value(place.connector, given, names.variable(place), f"--set {name}={given}")
+            value = _value(place.connector, given, names.variable(place), f"{where} {name}={given}")
             assigned.setdefault(place.element, {})[place.connector] = AssignedValue(value, (), ())
             continue
         if place.connector not in flat.entrances:
-            raise InputRefused(f"--set {name}: it is not an input of the system; set the component's variable")
+            raise InputRefused(f"{where} {name}: it is not an input of the system; set the component's variable")
         for end, hops in flat.entrances[place.connector]:
-            value = _value(end.connector, given, names.variable(end), f"--set {name}={given}")
+            value = _value(end.connector, given, names.variable(end), f"{where} {name}={given}")
             assigned.setdefault(end.element, {})[end.connector] = AssignedValue(value, (), hops)
     return replace(flat, assigned=assigned)
 

@@ -205,10 +205,8 @@ def enclose_system(file: Path, table: str, values: Mapping[str, Value], named: C
     flat = flatten(package.structure, f"{file}")
     with scratch_folder(package) as scratch:
         files, names = extract_fmus(package, flat, Path(scratch))
-        try:
-            flat = with_settings(flat, names, [f"{name}={setting_text(value)}" for name, value in values.items()])
-        except InputRefused as refusal:
-            raise InputRefused(str(refusal).replace("--set ", f"[{table}.parameters] ")) from None
+        settings = [f"{name}={setting_text(value)}" for name, value in values.items()]
+        flat = with_settings(flat, names, settings, f"[{table}.parameters]")
         face = _OuterVariables(package, flat, names, values, named)
         place = Component(INLET_NAME, (), (), True, 0, 0, np.zeros(0))
         beside = SystemExtras((place,), tuple(face.feeds()), tuple(face.drains()))
