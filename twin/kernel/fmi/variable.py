@@ -32,7 +32,7 @@ HIGHEST_VALUES = (
     FLOAT_64, FLOAT_32,
     2.0**7 - 1, 2.0**8 - 1, 2.0**15 - 1, 2.0**16 - 1, 2.0**31 - 1, 2.0**32 - 1, 2.0**53, 2.0**53, 1.0, 1.0,
 )  # fmt: skip
-"""Bounds of `NUMERIC_TYPES`, for 64 bits of the integers exact in a double; last, those of the Boolean of FMI 2.0."""
+"""Bounds of `NUMERIC_TYPES`, then of FMI 2.0's Boolean. 64-bit integers end where a double is no longer exact."""
 SPEED_DIMENSION = Dimension(s=-1)
 RAD_PER_TURN = 2.0 * math.pi
 UNIT_NAMES = (

@@ -30,7 +30,7 @@ needs the processor itself."""
 INTERRUPT_EXIT_CODE, TERMINATE_EXIT_CODE = 130, 143
 """Exit codes of a command ended by Ctrl-C, or by SIGTERM."""
 INTERRUPT_RETRY_DELAY = 0.01
-"""Delay (s) until a lost interrupt is repeated, after the finaliser, in which a second one would be lost too."""
+"""Delay (s) after which a lost interrupt is repeated; the finaliser that lost it has ended by then."""
 _termination_signals: list[int] = []
 """Termination signals (SIGTERM, SIGHUP) that this process has received."""
 

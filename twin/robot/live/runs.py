@@ -92,7 +92,7 @@ def record_run(
 ) -> Run:
     """Run an experiment in a folder of its own; notes {"experiment", "folder", "duration" (s)} before it.
 
-    The other arguments are those of `recorded_runs`, and of `execute`.
+    `recorded_runs` and `execute` document the other arguments.
 
     Raises:
         InputRefused: the experiment has errors; a folder without a name by the user is removed.
@@ -179,8 +179,8 @@ def _other_duration(settings: Sequence[str]) -> float | None:
 def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: Any) -> None:
     """Run and record experiments, served to live viewers; each run begins with its first viewer.
 
-    Notes: {"line": text of the server for the user}; the others are those of `recorded_runs`. Arguments as of
-    `LiveServer` and `recorded_runs`.
+    Notes: as `recorded_runs`, and {"line": text of the server for the user}. `LiveServer` documents `port` and
+    `origins`, `recorded_runs` the other arguments.
 
     Raises:
         InputRefused: websockets is not installed, the port is taken, or an origin is invalid.

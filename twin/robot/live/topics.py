@@ -34,7 +34,8 @@ class SceneSource(Protocol):
 class Topics:
     """Channels of a run for live viewers and their messages, with the names, schemas and units of the recording.
 
-    The channels are those of the streams, in order, of the scene, such as `/scene`, `/tf` and `/force`, and `/events`.
+    There is a channel for each stream, in order, then for each topic of the scene (`/scene`, `/tf`, `/force` ...), then
+    `/events`.
     See `twin.robot.run.viewer.Viewer.begin` for the arguments.
     """
 

@@ -124,7 +124,10 @@ class Fig4Run:
 
 @dataclass(frozen=True)
 class Fig4Runs:
-    """The force-position and the position-only run of Fig. 4; for the forces in x those of an asymmetrical robot."""
+    """Runs of Fig. 4's experiment, with force-position control and with position control alone.
+
+    `imperfect` has both runs of an asymmetrical robot, which the claims about forces in x need; None without them.
+    """
 
     force_position: Fig4Run
     position: Fig4Run

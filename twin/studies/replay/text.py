@@ -179,7 +179,7 @@ def _color(one: Indicator) -> str:
 
 
 def _draw_residuals(axes: Axes, alike: list[Indicator]) -> None:
-    """Draw the residual of the force, or those of all joints."""
+    """Draw the residual of the force, or the residuals of all joints."""
     for one in alike:
         if one.unit == "N":
             _draw_residual(axes, one, 1.0, "estimate, dead zone taken off, less measured: means of blocks")

@@ -18,7 +18,7 @@ FAILURE_MISS = 10.0
 
 
 class Surface(NamedTuple):
-    """A surface on which the experiment itself is run with a drive; `stiffness` (N/m) None for that of the file."""
+    """A surface on which the experiment itself is run with a drive; its stiffness (N/m) is the file's if None."""
 
     drive: str
     stiffness: float | None = None

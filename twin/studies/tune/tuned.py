@@ -331,7 +331,7 @@ class TuningResult:
         experiments, drives: the experiment with each drive, and the drive's linearisation.
         stiffness: range (N/m); None for the stiffness of the experiment.
         problems: error messages of points without a linear model.
-        surfaces: surfaces of the runs of the experiment itself; per drive that of the file, then each stiffness.
+        surfaces: surfaces of the runs of the experiment itself: per drive the file's surface, then each stiffness.
     """
 
     experiments: list[Experiment]

@@ -94,7 +94,10 @@ class Counts:
 
 
 class Clocks:
-    """Comparison of the robot's clock with the local one; `lateness` are delays beyond that of an unqueued message."""
+    """Comparison of the robot's clock with the local one.
+
+    `lateness` is the histogram of the messages' delays in excess of the delay without a queue.
+    """
 
     def __init__(self) -> None:
         self.lateness = Histogram()
