@@ -10,9 +10,10 @@ from tests.laws.runs import EXPERIMENTS, shipped
 from tests.studies.tune.corners import fig4_corners, predicted
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.load import load_experiment
+from twin.robot.controller.controller import reference_position
 from twin.studies.result import TEXT_WIDTH, lay_out
 from twin.studies.tune import tuned as search
-from twin.studies.tune.prediction import Corner, Goals, LawGains, at_stiffness, gains_of, predict, round_gains
+from twin.studies.tune.prediction import Corner, Goals, LawGains, at_stiffness, corners, gains_of, predict, round_gains
 from twin.studies.tune.text import fragment, tuning_parts
 from twin.studies.tune.touchdown import whole_runs
 from twin.studies.tune.tuned import (
@@ -23,6 +24,7 @@ from twin.studies.tune.tuned import (
     lasting_swing,
     misses,
     step_bandwidth,
+    step_experiments,
     step_trial,
     tune_gains,
     worst_misses,
@@ -49,6 +51,26 @@ def test_the_best_gain_in_air_is_the_largest_that_keeps_the_margin():
     # 5 % more is too much: nothing else than the margin limits it
     more = found._replace(kp=1.05 * found.kp)
     assert [miss.goal for miss in misses(predict(air()[0], more), goals)] == ["margin"]
+
+
+def test_the_force_step_of_an_experiment_with_tasks_reaches_its_controller():
+    undamped = load_experiment(EXPERIMENTS / "pressing.toml", ["controller.damping.gain_rad_per_s_per_Nm=0"])
+    (corner,) = (one for one in corners([undamped], None)[0] if one.point.force_on)
+    assert can_simulate_step(corner)
+    trial = step_trial(corner, gains_of(undamped))
+    assert trial is not None and trial.share[-1] == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize("period_ms", [2, 7])
+def test_a_step_of_height_begins_with_the_first_call_of_the_controller_at_its_time(period_ms: int):
+    experiment = load_experiment(EXPERIMENTS / "step_z_air.toml", [f"controller.period_ms={period_ms}"])
+    corner = replace(air()[0], experiment=experiment)
+    still, moved = (one.reference for one in step_experiments(corner, FIG4))
+    calls = [n * 1e-3 * period_ms for n in range(round(search.REST_TIME / (1e-3 * period_ms)) + 2)]
+    for t in calls:
+        heights = [reference_position(np.array(one.t), np.array(one.p), 0, t)[2] for one in (still, moved)]
+        stepped = search.HEIGHT_STEP if t >= search.REST_TIME else 0.0
+        assert heights[1] - heights[0] == pytest.approx(stepped, abs=1e-15), t
 
 
 def test_the_same_search_finds_the_same_gains():

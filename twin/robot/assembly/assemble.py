@@ -304,9 +304,10 @@ def assemble_system(experiment: Experiment, made: Mapping[str, list[Component]])
     cosim = experiment.cosim
     pairs = wires(feeds | _end_feeds(feeds, components), components)
     system = System(components, pairs, cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)
-    found = tunable_parameters(experiment, system)
-    changes = (change for change in experiment.changes if change.key in found)
-    system.changes = tuple(MemoryChange(change.tick, found[change.key].memory, change.value) for change in changes)
+    places = [(change, TUNABLE_PLACES[change.key]) for change in experiment.changes]
+    found = [(change, place.memory_of(system.component(place.component))) for change, place in places]
+    # the memory of a third-party controller is unknown
+    system.changes = tuple(MemoryChange(c.tick, memory, c.value) for c, memory in found if memory is not None)
     return system
 
 

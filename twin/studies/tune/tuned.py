@@ -272,8 +272,8 @@ def step_experiments(corner: Corner, gains: LawGains) -> tuple[Experiment, Exper
     low, high = (1.0 - 0.5 * FORCE_STEP) * point.F_z, (1.0 + 0.5 * FORCE_STEP) * point.F_z
     force = c.force.model_copy(update={"reference": low, "trigger": None, "trigger_time": 0.0})
     mode = "force_position" if point.force_on else "position"
-    # The last call of the controller before REST_TIME still has the old reference.
-    hold = WayPoints((0.0, REST_TIME - c.period, REST_TIME), (point.p_B,) * 3)
+    # No call of the controller is between the last two points.
+    hold = WayPoints((0.0, REST_TIME - tick, REST_TIME), (point.p_B,) * 3)
     held = replace(
         experiment,
         tasks=(),
