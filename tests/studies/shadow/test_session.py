@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from tests.studies.replay.logs import FIG4, ran
 from tests.studies.shadow.test_following import EXPERIMENT, MODEL, N, said
 from tests.studies.shadow.test_study import MAP, ROBOT, bag
 from twin.kernel.process.process import environment
+from twin.kernel.recording import writer
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.reader import read
 from twin.kernel.recording.sources.arrival import Arrival
@@ -207,6 +209,24 @@ def test_a_session_that_a_signal_ends_has_its_summary_and_exit_code(tmp_path: Pa
     assert process.returncode == 0, errors
     assert "ended by hand" in text and "  verdict    not watched" in text
     assert read(out).complete
+
+
+def test_ctrl_c_in_the_middle_of_a_write_loses_no_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    log, written = str(ran(FIG4).path), []
+
+    def write_chunk(*arguments: Any) -> Any:
+        written.append(arguments)
+        if len(written) == 3:
+            signal.raise_signal(signal.SIGINT)
+        return make_chunk(*arguments)
+
+    make_chunk = writer.make_chunk
+    monkeypatch.setattr(writer, "make_chunk", write_chunk)
+    report = shadow(ROBOT, log, speed=0.0, no_alarm=True, out=tmp_path / "out")
+    assert "ended by hand" in report.text
+    recording = read(tmp_path / "out")
+    assert recording.complete
+    assert 1.0 < recording.time("estimator")[-1] < 15.0
 
 
 class Clock:

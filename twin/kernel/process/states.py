@@ -177,17 +177,22 @@ def state_ticks(times: Iterable[float], every: float | None, tick: float, last: 
 
 
 class Interrupts(Observer):
-    """Observer that ends a run between two slices on Ctrl-C or SIGTERM; the second signal ends it immediately."""
+    """Observer that ends a run between two slices on Ctrl-C, SIGTERM or a hang-up; the second one ends it immediately.
+
+    Attributes:
+        enough: whether a signal has arrived.
+    """
 
     enough = False
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """Handle Ctrl-C and SIGTERM within the block; no effect outside the main thread."""
+        """Handle the signals within the block; no effect outside the main thread."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return
-        found = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+        found = {number: signal.getsignal(number) for number in numbers}
         self._before: dict[int, Callable[[int, Any], Any]] = {n: one for n, one in found.items() if callable(one)}
         try:
             for number in self._before:

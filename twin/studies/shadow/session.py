@@ -15,6 +15,7 @@ from twin.kernel.cosim.delay import values_by_port
 from twin.kernel.cosim.port import width
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.process.real_time import real_time
+from twin.kernel.process.states import Interrupts
 from twin.kernel.recording.logs.column_map import TIME_SIGNAL
 from twin.kernel.recording.logs.log import LogError, MappedColumn, refuse_invalid
 from twin.kernel.recording.sources.arrival import Arrival, RobotSource
@@ -110,6 +111,7 @@ class Session:
         self._last_period = math.inf
         self._there = np.zeros(width(INPUTS), dtype=bool)
         self._gross = ""
+        self._interrupts = Interrupts()
         self.followed = SessionSummary(source.name)
 
     def wait_for_topics(self) -> None:
@@ -149,7 +151,15 @@ class Session:
         time.sleep(0.1)
 
     def follow(self, path: Callable[[], Path]) -> SessionSummary:
-        """Follow the robot to the end of source or duration, or Ctrl-C; the first sample calls `path`."""
+        """Follow the robot to the end of source or duration, or Ctrl-C; the first sample calls `path`.
+
+        The second Ctrl-C leaves the recording unfinished.
+        """
+        # an interrupt in the middle of a slice would lose the rows that are not written yet
+        with self._interrupts.listening():
+            return self._follow(path)
+
+    def _follow(self, path: Callable[[], Path]) -> SessionSummary:
         if self._live:
             self._receiver.thread.start()
         try:
@@ -160,12 +170,11 @@ class Session:
                 finally:
                     self._receiver.stop()
             self._process_slice(end=True)
-            if not self._live:
+            if self._interrupts.enough:
+                self.followed.notes.append("ended by hand")
+            elif not self._live:
                 counts = self._aligner.counts
                 refuse_invalid(self._source.name, "an encoder", counts.invalid, counts.invalid + counts.samples)
-        except KeyboardInterrupt:
-            self.followed.notes.append("ended by hand")
-            self._process_slice(end=True)
         except BaseException:
             if self._recording is not None:
                 self._recording.abandon()
@@ -180,8 +189,10 @@ class Session:
         self._path = path
         shown = flushed = time.monotonic()
         next_slice, begun = 0.0, math.inf
-        # time also passes without samples
-        while not self._source.at_end and self._t < self._duration > time.monotonic() - begun - SILENCE_TIMEOUT:
+        while not (self._source.at_end or self._interrupts.enough):
+            # time also passes without samples
+            if self._t >= self._duration or time.monotonic() - begun - SILENCE_TIMEOUT >= self._duration:
+                break
             if self._live:
                 # arrivals in between form one slice
                 next_slice = max(next_slice + SLICE_TIME, time.monotonic())
