@@ -203,7 +203,15 @@ def test_help_is_made_without_what_draws(tmp_path: Path):
     nothing_kept = os.environ | {CACHE_VARIABLE: str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", shown], capture_output=True, text=True, env=nothing_kept)
     assert "run        Run experiments and record them." in done.stdout
-    assert "'rich'" not in done.stdout and "'pydantic'" not in done.stdout
+    assert "'rich'" not in done.stdout and "'pydantic'" not in done.stdout and "'fractions'" not in done.stdout
+
+
+def test_the_names_of_drives_are_completed_without_the_tables_of_experiments(root: Path):
+    code = (
+        "import sys; from twin.cli.completions import drive_names; print(drive_names('vel'), 'pydantic' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
+    assert done.stdout == "['velocity_servo'] False\n"
 
 
 def test_the_version_is_that_of_the_package(tmp_path: Path):

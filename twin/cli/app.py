@@ -18,7 +18,6 @@ from twin.cli.catalogue import COMMAND_GROUPS, HELP_SECTIONS, CommandText, comma
 from twin.cli.completions import COMPLETION_FUNCTIONS
 from twin.cli.withdrawn import withdrawn_options
 from twin.kernel.errors import InputRefused
-from twin.kernel.units import parse_float
 from twin.studies.command import SHARED_OPTIONS, Argument, Isolation, Option
 
 COMPLETE_VARIABLE = "_TWIN_COMPLETE"
@@ -112,6 +111,9 @@ class _PlainNumber(click.ParamType):
     """A click parameter type for numbers; click's own accept NaN, `1_000` and digits of all scripts."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        # exact units take a while to load, and help needs none
+        from twin.kernel.units import parse_float
+
         number = parse_float(value) if isinstance(value, str) else value
         if number is None or number != number:
             self.fail(f"{value!r} is not a valid {self.name}.", param, ctx)

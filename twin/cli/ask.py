@@ -9,7 +9,6 @@ from typing import Any
 from twin.cli.streams import print_answer
 from twin.cli.terminal import TerminalDisplay
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.process.exits import EXIT_MESSAGE, report_exit
 from twin.kernel.process.guard import JobFailure, run_guarded
 from twin.kernel.process.job import (
     JobLimits,
@@ -128,6 +127,7 @@ def run_recording_job(
     on_note = on_note or display.on_note
     try:
         if isolate == "none":
+            from twin.kernel.process.exits import EXIT_MESSAGE, report_exit
             from twin.kernel.process.reporter import DirectReporter
 
             with report_exit(lambda: f"{EXIT_MESSAGE}\n{recording_status(display.folder)}"):

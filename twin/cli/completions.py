@@ -21,10 +21,10 @@ def experiment_names(incomplete: str) -> list[str]:
 
 
 def drive_names(incomplete: str) -> list[str]:
-    from twin.robot.experiment import drive_files
+    from twin.robot.experiment import experiment_files
     from twin.robot.paths import locate_file
 
-    return _starting_with(incomplete, drive_files.drive_names(locate_file("fmus", Path.cwd())))
+    return _starting_with(incomplete, experiment_files.drive_names(locate_file("fmus", Path.cwd())))
 
 
 def role_names(incomplete: str) -> list[str]:

@@ -106,7 +106,7 @@ def drive_copy(
 
     from twin.kernel.atomic_write import make_folder
     from twin.kernel.errors import InputRefused, NotWritten, nearest, translate_disk_errors
-    from twin.robot.experiment.drive_files import drive_names
+    from twin.robot.experiment.experiment_files import drive_names
     from twin.robot.paths import locate_file
 
     shelf = locate_file("fmus", Path.cwd())

@@ -1,12 +1,14 @@
 """Steps of FMUs without events: variables of all types, discarded steps, and steps that are made again."""
 
 import ctypes
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.kernel.fmi.compiled import compiled_drive
+from tests.kernel.fmi.odd import odd_fmu
 from tests.kernel.fmi.test_component import TICK, made, run
 from tests.kernel.fmi.test_event_step import stepped
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
@@ -92,6 +94,26 @@ class Operator:
 
     def step(self, t: float, h: float, u: np.ndarray, y: np.ndarray) -> None:
         y[:] = 0.1, 0.0, float(t < 0.0495)
+
+
+def test_an_enumeration_that_nothing_starts_keeps_its_start_and_outputs_of_several_need_one_call(tmp_path: Path):
+    motor = described(odd_fmu(tmp_path / "items.fmu", types=["Enumeration"]))
+    into, out = (motor.variables[f"{side}_Enumeration"] for side in ("in", "out"))
+    other = replace(out, items={"one": 1.0})
+    # 0, which other inputs get without a value, is no item
+    assert 0.0 not in into.items.values()
+    component = FmuComponent(
+        "part",
+        motor,
+        unpacked(motor.path, motor.sha256),
+        [FmuPort(Port("mode"), into)],
+        [FmuPort(Port("a"), out), FmuPort(Port("b"), other)],
+    )
+    try:
+        stepping = component._stepping
+        assert len(stepping._group_table(stepping.outputs, "Get")) == 1
+    finally:
+        component.close()
 
 
 def test_boolean_integer_and_single_precision_pass_by_address(root: Path):

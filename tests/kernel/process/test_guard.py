@@ -103,7 +103,9 @@ def test_ctrl_c_asks_the_job_to_stop_and_waits_only_so_long(
 
 
 def test_the_supervisor_of_a_run_loads_no_numerics(root: Path):
-    code = "import sys, twin.cli.run; print({'numpy', 'numba', 'fmpy', 'mcap', 'pydantic'} & set(sys.modules))"
+    code = (
+        "import sys, twin.cli.run; print({'numpy', 'numba', 'fmpy', 'mcap', 'pydantic', 'ctypes'} & set(sys.modules))"
+    )
     done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"
 

@@ -22,6 +22,7 @@ BAD: dict[str, tuple[Callable[[], Any], str]] = {
     "two kinds": (lambda: kinds(["a=co_simulation", "a=model_exchange"]), "--kind: 'a' is given twice"),
     "two kinds for all": (lambda: kinds(["co_simulation"] * 2), "--kind is given twice without a component"),
     "a step of nobody": (lambda: steps(["5"]), "--step 5: expected COMPONENT=MS with a number above 0"),
+    "a step with underscores": (lambda: steps(["a=1_0"]), "--step a=1_0: expected COMPONENT=MS"),
     "no step": (lambda: steps(["a=fast"]), "--step a=fast: expected COMPONENT=MS"),
     "a step back": (lambda: steps(["a=-1"]), "--step a=-1: expected COMPONENT=MS"),
     "a step without end": (lambda: steps(["a=inf"]), "--step a=inf: expected COMPONENT=MS"),

@@ -42,8 +42,9 @@ def step_function(
 def c_function(returns: str, *kinds: str, convert: Callable | None = None) -> Any:
     """Create a function (address, (arguments)) for compiled code that calls the C function at that address.
 
-    Arguments and result are "pointer", "double", "size" (64 bit), "int" (32 bit) or "byte"; compiled code has a float64
-    for a double and an int64 for the others. `convert(builder, value)` makes that int64 of the result instead.
+    Arguments are "pointer", "double", "size" (64 bit), "int" (32 bit) or "byte", results the same but "double".
+    Compiled code has a float64 for a double and an int64 for the others. `convert(builder, value)` makes that int64 of
+    the result instead.
     """
 
     @intrinsic

@@ -142,8 +142,8 @@ def advance(deadlines, first, count, row):
 class Deadlines:
     """Pacing of a simulation in real time: deadlines of the ticks, and statistics of lateness.
 
-    `tick` is the wall time of a tick (s), > 0; `functions` are as of `clock_functions`. `lateness` is the time from a
-    deadline to the start of its tick.
+    `tick` is the wall time of a tick (s), > 0; `functions` is the result of `clock_functions`.
+    `lateness` is the time from a deadline to the start of its tick.
     """
 
     def __init__(self, tick: float, functions: tuple[Any, ...]):

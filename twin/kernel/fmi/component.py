@@ -156,7 +156,8 @@ class FmuComponent(Component):
 
     Args:
         settings: values set before initialisation, in the FMU's units.
-        inputs_at_start: port -> value (SI) in initialisation mode; 0 for other ports.
+        inputs_at_start: port -> value (SI) in initialisation mode; 0 for other ports, but the start
+            value of an enumeration.
         outputs_at_start: port -> value (SI) of the output at t = 0 after a shift: the zero of an angle is arbitrary,
             and the shaft is coupled at its present angle.
         sampled: whether it is evaluated at t_k; its outputs are then meaningless before the first evaluation.
@@ -185,7 +186,9 @@ class FmuComponent(Component):
         unread: Collection[str] = (),
     ):
         wanted = inputs_at_start or {}
-        started = [(p.variable, p.to_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
+        # 0 may be no value of an enumeration
+        given = [p for p in inputs if p.port.name in wanted or not p.variable.items]
+        started = [(p.variable, p.to_fmu(wanted.get(p.port.name, 0.0))) for p in given]
         kind = CosimInstance if sampled else instance_class(description)
         self.instance = instance or kind(name, description, folder, settings, started, setup)
         try:

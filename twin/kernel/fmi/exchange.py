@@ -244,7 +244,7 @@ class ModelExchange(Instance):
                 self.call("EnterContinuousTimeMode")
         # FMICallException of FMPy
         except Exception as problem:
-            why = str(problem)
+            why = str(problem) or type(problem).__name__
         try:
             if why:
                 raise InputRefused(

@@ -136,7 +136,7 @@ def _wide_status(builder, returned):
 def fmi_function(*kinds: str) -> Any:
     """Create a function for compiled code that calls the FMI function at an address, see `c_function`.
 
-    It returns statuses 0 .. 5 unchanged, others as `INVALID_STATUS` + (unsigned status shifted by `STATUS_WIDTH` bits).
+    It returns statuses 0 .. 5 unchanged, others as `INVALID_STATUS` + (unsigned status << `STATUS_WIDTH`).
     """
     return c_function("int", *kinds, convert=_wide_status)
 

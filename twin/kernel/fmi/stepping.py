@@ -172,12 +172,15 @@ class Stepping:
         return {f"memory_{number}": array for number, array in enumerate(self.changing_arrays, start=1)} | shorter
 
     def _group_table(self, ports: Iterable[PortSlots], access: str) -> np.ndarray:
-        """Make the table of groups of FMU variables to "Set" or "Get", with one type, set of clocks and call each."""
+        """Make the table of groups of FMU variables to "Set" or "Get", with one call each.
+
+        The variables of a group have one type and one set of clocks, and one set of items if they are set.
+        """
         instance = self.instance
         members: dict[tuple[str, tuple[float, ...], int], list[PortSlots]] = {}
         for p in ports:
             variable = p.port.variable
-            items = tuple(sorted(variable.items.values()))
+            items = tuple(sorted(variable.items.values())) if access == "Set" else ()
             key = instance.standard.type_name(variable), items, instance.clock_bits(variable)
             members.setdefault(key, []).append(p)
         table = np.zeros(len(members), dtype=groups.GROUP_RECORD)

@@ -118,6 +118,11 @@ def enumeration_items(variable: Any) -> dict[str, float]:
     return found
 
 
+def item_list(items: Mapping[str, float]) -> str:
+    """Return `one (1), two (2)` for the items of an enumeration; "" without items."""
+    return ", ".join(f"{name} ({number:.0f})" for name, number in items.items())
+
+
 def parse_value(where: str, items: Mapping[str, float], value: float | str) -> float:
     """Convert an FMU variable's value to a number; the name of an item counts if there are `items` (an enumeration)."""
     if not items:
@@ -126,7 +131,7 @@ def parse_value(where: str, items: Mapping[str, float], value: float | str) -> f
         return value
     if value in items.values():
         return float(value)
-    known = ", ".join(f"{name} ({number:g})" for name, number in items.items())
+    known = item_list(items)
     if not isinstance(value, str):
         raise InputRefused(f"{where} = {value:g}: expected one of {known}")
     if value not in items:
@@ -183,11 +188,7 @@ class Variable:
     def range_phrase(self) -> str:
         """Phrase for the type of the variable and its range: `which is UInt8 (0 .. 255)`."""
         low, high = self.bounds
-        return f"which is {self.type} ({self._item_list or f'{low:.17g} .. {high:.17g}'})"
-
-    @property
-    def _item_list(self) -> str:
-        return ", ".join(f"{name} ({number:g})" for name, number in self.items.items())
+        return f"which is {self.type} ({item_list(self.items) or f'{low:.17g} .. {high:.17g}'})"
 
     def range_error(self, value: float) -> str:
         """Return why `value` is outside the range of the variable's type: `in8 is UInt8; expected 0 .. 255`; or ""."""
@@ -196,7 +197,8 @@ class Variable:
         whole = self.type in REAL_TYPES or isinstance(value, int) or not abs(value) < MAX_EXACT // 2
         arrived = value if whole else math.floor(value + 0.5)
         if self.items:
-            return "" if arrived in self.items.values() else f"{self.name} is {self.type}; expected {self._item_list}"
+            known = item_list(self.items)
+            return "" if arrived in self.items.values() else f"{self.name} is {self.type}; expected {known}"
         if low <= arrived <= high:
             return ""
         why = ", which doubles hold exactly" if self.kind in (8, 9) else ""

@@ -115,7 +115,7 @@ class MailboxEntry(NamedTuple):
 class SharedRing:
     """A ring of entries of `values` doubles in shared memory at `address`, with the position of one writer or reader.
 
-    `number` is of the last entry written or read here; `lost` entries were overwritten before they were read here.
+    `number` counts the last entry written or read here; `lost` entries were overwritten before they were read here.
     """
 
     def __init__(self, memory: NDArray[np.uint8], values: int):

@@ -55,7 +55,11 @@ _i32 = pointer_to(np.int32)
 
 
 def syscall_numbers() -> np.ndarray:
-    """Return the address of libc's `syscall` and the numbers of futex, waitid and clock_gettime, (4,) int64."""
+    """Return the address of libc's `syscall` and the numbers of futex, waitid and clock_gettime, (4,) int64.
+
+    Raises:
+        InputRefused: not Linux, or another processor.
+    """
     if sys.platform != "linux" or platform.machine() not in _SYSCALL_NUMBERS:
         raise InputRefused(
             f"drives in processes of their own need Linux on {' or '.join(_SYSCALL_NUMBERS)}, this is {sys.platform} "
@@ -156,7 +160,7 @@ def timespec(seconds: float) -> np.ndarray:
 class SharedPage:
     """Mapping of a memory page that this process shares with another, to exchange a component's inputs and outputs.
 
-    `fd` is the file descriptor of the black box, `inputs` and `outputs` are numbers of doubles, `address` is of byte 0.
+    `fd` is the file descriptor of the black box, `inputs` and `outputs` are numbers of doubles; byte 0 is at `address`.
     `number` (1,) is the number of the next request, for the host.
     """
 

@@ -10,11 +10,11 @@ from pydantic import ValidationError
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import suggestion
 from twin.robot.experiment import schema
+from twin.robot.experiment.experiment_files import MAPPING_FILE, drive_names
 from twin.robot.experiment.mistakes import error_messages
 from twin.robot.experiment.source import merge_tables, read_source, rules_for
 from twin.robot.paths import locate_file
 
-MAPPING_FILE = "mapping.toml"
 JOINT_TABLES = ("joint_1", "joint_2", "joint_3")
 FILE_PREFIX = "file:"
 """Prefix of a file name that is a parameter of a drive, relative to the file with the parameter."""
@@ -45,11 +45,6 @@ def load_drive(fmu: str, folder: Path) -> schema.Drive:
         return schema.Drive.model_validate(table)
     except ValidationError as error:
         raise InputRefused(f"{fmu}: " + "; ".join(error_messages(error, schema.Drive, "drive"))) from None
-
-
-def drive_names(shelf: Path) -> list[str]:
-    """Return the sorted names of the drives in a folder such as fmus/."""
-    return sorted(f.name for f in shelf.glob("*") if (f / MAPPING_FILE).is_file() or any(f.glob("*.fmu")))
 
 
 def locate_drive(fmu: str, folder: Path) -> str:

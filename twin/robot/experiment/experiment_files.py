@@ -1,4 +1,4 @@
-"""Lookup of experiment, sweep and body files by path or name."""
+"""Lookup of experiment, sweep, body and drive files by path or name."""
 
 import os
 import shlex
@@ -11,11 +11,17 @@ from twin.robot.paths import PROJECT_FOLDER, locate_file
 
 SWEEP_FOLDER = "experiments/sweeps"
 BODY_FOLDERS = ("bodies", "experiments/bodies")
+MAPPING_FILE = "mapping.toml"
 
 
 def known_experiments() -> dict[str, Path]:
     """Return the files of the experiments shipped with twin, by name."""
     return {path.stem: path for path in sorted(PROJECT_FOLDER.glob("experiments/*.toml"))}
+
+
+def drive_names(shelf: Path) -> list[str]:
+    """Return the sorted names of the drives in a folder such as fmus/."""
+    return sorted(f.name for f in shelf.glob("*") if (f / MAPPING_FILE).is_file() or any(f.glob("*.fmu")))
 
 
 def experiment_file(experiment: str | Path) -> Path:

@@ -145,6 +145,15 @@ def test_what_goes_wrong_in_a_run_ends_it_with_one_sentence(motor: Planner, faul
     assert "\n" not in str(failure.value) and re.search(r"in the step from t = 0\.0(49|5) s", str(failure.value))
 
 
+def test_an_exception_without_a_text_at_the_start_is_a_refusal_too(motor: Planner, monkeypatch: pytest.MonkeyPatch):
+    def fail(self: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("fmpy.fmi2.FMU2Model.enterContinuousTimeMode", fail)
+    with pytest.raises(InputRefused, match="cannot be brought into continuous-time mode: MemoryError"):
+        response(motor(), *INPUTS)
+
+
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_indicators_that_flicker_do_not_hold_up_steps_of_one_length(motor: Planner, fmi: int):
     # looked at once per step: events that change nothing, one per step

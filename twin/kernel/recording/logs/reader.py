@@ -17,7 +17,7 @@ from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.logs.bag import SQLITE_MAGIC, bag_topics, is_bag
 from twin.kernel.recording.logs.csv_file import read_csv
 from twin.kernel.recording.logs.log import Log, LogError, LogSeries, MappedColumn
-from twin.kernel.recording.logs.topics import MCAP_MAGIC, log_from_topics, mcap_topics, written_by_twin
+from twin.kernel.recording.logs.topics import MCAP_MAGIC, LoggedTopic, log_from_topics, mcap_topics, written_by_twin
 from twin.kernel.recording.reader import Recording, read
 
 WALL_CLOCK = 1e8
@@ -49,9 +49,16 @@ def read_log(
         case LogKind.CSV:
             log = read_csv(path, columns or {}, known)
         case kind:
-            topics, notes = (bag_topics if kind == LogKind.BAG else mcap_topics)(path, columns or {})
+            topics, notes = topics_in(path, kind, columns or {})
             log = log_from_topics(path, topics, columns or {}, notes)
     return _normalise_log(log, part)
+
+
+def topics_in(
+    path: Path, kind: "LogKind", columns: Mapping[str, MappedColumn]
+) -> tuple[dict[str, LoggedTopic], list[str]]:
+    """Read the topics of a bag or of a foreign MCAP file, with messages of `columns`, and notes on missing data."""
+    return (bag_topics if kind == LogKind.BAG else mcap_topics)(path, columns)
 
 
 class LogKind(Enum):

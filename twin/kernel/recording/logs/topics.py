@@ -194,7 +194,11 @@ class TopicReading:
     def __init__(
         self, path: Path, name: str, topic: LoggedTopic, time: MappedColumn | None, field_paths: Sequence[str]
     ) -> None:
-        """Decode the needed fields of a topic once, and determine its times from the field `time`, else log times."""
+        """Decode the needed fields of a topic once, and determine its times from the field `time`, else log times.
+
+        Raises:
+            LogError: an unsupported encoding, an undecodable message, or invalid times.
+        """
         self._path, self._name = path, name
         logged = np.array(topic.times, dtype=np.uint64) / NS_PER_S
         if len(logged) < 2:
@@ -214,7 +218,11 @@ class TopicReading:
             self.notes += [note] if note else []
 
     def series(self, field_path: str, column: MappedColumn) -> LogSeries:
-        """Return the values of a message field as a series, in SI and in order of time."""
+        """Return the values of a message field as a series, in SI and in order of time.
+
+        Raises:
+            LogError: no such field or unit, no numbers, equal times or a restart.
+        """
         where = f"{self._path}: {self._name}"
         numbers = self._found[field_path]
         if isinstance(numbers, LogError):

@@ -141,7 +141,7 @@ class DdsSource:
 
 
 def domain_id() -> int:
-    """Return the DDS domain number from the environment variable ROS_DOMAIN_ID; 0 if it is not set."""
+    """Return the DDS domain number from ROS_DOMAIN_ID; 0 if it is not set, InputRefused for other text."""
     text = os.environ.get("ROS_DOMAIN_ID", "") or "0"
     if not text.isdigit() or int(text) > 232:
         raise InputRefused(f"ROS_DOMAIN_ID={text}: expected a number from 0 to 232")

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.kernel.recording.logs.bag import bag_topics
 from twin.kernel.recording.logs.log import LogError, MappedColumn
-from twin.kernel.recording.logs.reader import WALL_CLOCK, LogKind, interval, no_samples_error
-from twin.kernel.recording.logs.topics import LoggedTopic, NoField, TopicReading, mcap_topics
+from twin.kernel.recording.logs.reader import WALL_CLOCK, LogKind, interval, no_samples_error, topics_in
+from twin.kernel.recording.logs.topics import LoggedTopic, NoField, TopicReading
 from twin.kernel.recording.sources.arrival import Arrival
 from twin.kernel.recording.writer import ForeignTopic
 
@@ -21,8 +20,12 @@ MAX_BATCH = 512
 def logged_topics(
     path: Path, kind: LogKind, columns: Mapping[str, MappedColumn]
 ) -> tuple[dict[str, LoggedTopic], list[str]]:
-    """Read the topics of a bag or of a foreign MCAP file, with messages of `columns`, and notes; LogError if empty."""
-    topics, notes = (bag_topics if kind == LogKind.BAG else mcap_topics)(path, columns)
+    """Read the topics of a bag or of a foreign MCAP file, with messages of `columns`, and notes.
+
+    Raises:
+        LogError: the log is damaged or empty.
+    """
+    topics, notes = topics_in(path, kind, columns)
     if not any(topic.times for topic in topics.values()):
         raise LogError(f"{path}: no messages; expected a log")
     return topics, notes
