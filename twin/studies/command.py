@@ -243,7 +243,7 @@ def run_isolated(
 def answer_recording(reporter: "Reporter", name: str, asked: ArgumentValues) -> dict[str, Any]:
     """Call the study `name` ("module:function") with `reporter` in a guarded process; return its `Answer`'s fields.
 
-    Notes before the run, in addition to the study's: {"experiment": name, "folder": of the run, "duration" (s)}.
+    Notes before the run, in addition to the study's: {"experiment": name, "folder": its folder, "duration" (s)}.
     """
     return vars(answer_of(load_function(name)(**asked, reporter=reporter)))
 

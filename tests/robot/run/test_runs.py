@@ -102,6 +102,13 @@ def test_runs_that_share_a_past_have_the_bits_of_runs_from_the_start(robot: tupl
     assert repr(alone[0].numbers) == repr(alone[3].numbers) != repr(alone[1].numbers)
 
 
+def test_runs_that_can_share_no_past_are_timed_like_others_from_the_start():
+    experiments = broken(begun(drive="modelica_dc"), (ALIVE, ALIVE))
+    with Runs(KEPT._replace(timed=True), most=2) as runs:
+        assert all(runs.run(experiment).costs for experiment in experiments)
+        assert lacking(runs) != [] and "" not in lacking(runs)
+
+
 def test_a_run_whose_component_fails_has_its_bits_and_leaves_nothing_behind():
     unwatched = replace(begun(), monitor=None)
     experiments = broken(unwatched, (ALIVE, WILD, ALIVE)) + broken(begun(), (WILD, ALIVE))

@@ -231,7 +231,7 @@ def held_up(drive: str) -> Experiment:
 def test_runs_that_fork_are_alike_until_they_are_changed():
     def forks(*ways: Callable[[System], None]) -> list[Trace]:
         experiment = held_up("velocity_servo")
-        return [trace for _, trace in simulate_variants(lambda: assemble(experiment), REST, END, ["plant.p_B"], ways)]
+        return simulate_variants(lambda: assemble(experiment), REST, END, ["plant.p_B"], ways)
 
     up, down, again = (one["plant.p_B"] for one in forks(raised, lowered, raised))
     np.testing.assert_array_equal(up, again)

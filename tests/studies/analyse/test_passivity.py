@@ -157,7 +157,7 @@ def simulated(stiffness: float) -> float:
         return assembly
 
     ways = [partial(set_hold_point, p_B=nudged)]
-    ((_, path),) = simulate_variants(made, round(NUDGE_TIME / tick), round(LONG / tick), ["plant.p_B"], ways)
+    (path,) = simulate_variants(made, round(NUDGE_TIME / tick), round(LONG / tick), ["plant.p_B"], ways)
     z, width = path["plant.p_B"][:, 2], round(1.0 / tick)
     begin = round((NUDGE_TIME + 0.3 * (LONG - NUDGE_TIME)) / tick)
     return float(np.log(np.std(z[-width:]) / np.std(z[begin : begin + width])) / ((len(z) - width - begin) * tick))

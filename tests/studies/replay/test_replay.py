@@ -10,7 +10,7 @@ import pytest
 from tests.studies.replay.logs import ANGLES, FIG4, NOISE, drifting, healthy, judged, ran, softened, write_log
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.column_map import column_map
-from twin.kernel.recording.logs.log import LogError
+from twin.kernel.recording.logs.log import Log, LogError
 from twin.kernel.recording.logs.reader import read_log, recording_log
 from twin.kernel.recording.reader import read
 from twin.studies.replay.model import recorded_model
@@ -23,10 +23,27 @@ def test_a_time_is_the_beginning_and_two_times_leave_out_what_is_before():
     assert normal_time("2.5") == (0.0, 2.5) and normal_time("1:3") == (1.0, 3.0)
 
 
-@pytest.mark.parametrize("text", ["0", "-1", "3:1", "1:1", "-1:2", "a", "1:", ":2", "1:2:3", "nan", "inf", ""])
+@pytest.mark.parametrize(
+    "text", ["0", "-1", "3:1", "1:1", "-1:2", "a", "1:", ":2", "1:2:3", "nan", "inf", "", "1_0", "\u0661"]
+)
 def test_what_is_no_time_is_refused_with_an_example(text: str):
     with pytest.raises(InputRefused, match=r"^--baseline .*: expected a time > 0 s, or FROM:TO .* for example 1:3$"):
         normal_time(text)
+
+
+@pytest.mark.parametrize("step", [0.0, 1.7e9])
+def test_a_log_with_samples_for_more_than_three_years_is_in_another_unit_but_a_clock_may_step(
+    tmp_path: Path, step: float
+):
+    log = read_log(write_log(tmp_path / "log.csv", ran(FIG4), angles=True), column_map(ANGLES))
+
+    def retimed(factor: float) -> Log:
+        times = {name: factor * one.t + step * (one.t > 10.0) for name, one in log.series.items()}
+        return replace(log, series={name: replace(one, t=times[name]) for name, one in log.series.items()})
+
+    assert len(robot_samples(retimed(1.0), healthy().belief).t) == 10001
+    with pytest.raises(LogError, match=r"has samples for 1\S*e\+08 s, expected at most 1e\+08 s; is its unit right"):
+        robot_samples(retimed(6e6), healthy().belief)
 
 
 def test_a_start_that_is_not_normal_is_an_alarm_only_if_it_is_taken_for_normal():

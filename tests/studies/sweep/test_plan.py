@@ -380,7 +380,20 @@ def test_the_short_form_is_the_grid_that_a_file_would_say():
 
 
 @pytest.mark.parametrize(
-    "text", ["a", "a=1", "a=1:2", "a=1:2:3:4", "a=x:2:3", "a=2:1:3", "a=1:2:0", "a=1:2:1.5", "=1:2:2"]
+    "text",
+    [
+        "a",
+        "a=1",
+        "a=1:2",
+        "a=1:2:3:4",
+        "a=x:2:3",
+        "a=2:1:3",
+        "a=1:2:0",
+        "a=1:2:1.5",
+        "=1:2:2",
+        "a=1:2_0:2",
+        "a=1:2:1_0",
+    ],
 )
 def test_a_range_that_is_none_is_refused(text: str):
     with pytest.raises(InputRefused, match="--sweep"):

@@ -44,7 +44,9 @@ def test_a_bandwidth_beyond_half_the_controllers_rate_is_refused():
         Goals(bandwidth=2.0 * math.pi * 251.0).refuse_period(2e-3)
 
 
-@pytest.mark.parametrize("text", ["300", "soft:hard", "5000:300", "0:100", "-1:1", "1:inf", "1:nan", "1:2:3", "1:"])
+@pytest.mark.parametrize(
+    "text", ["300", "soft:hard", "5000:300", "0:100", "-1:1", "1:inf", "1:nan", "1:2:3", "1:", "1_0:20"]
+)
 def test_a_stiffness_that_is_no_range_is_refused(text):
     with pytest.raises(InputRefused, match="expected two numbers above 0"):
         stiffness_range(text)

@@ -19,9 +19,9 @@ from twin.kernel.errors import InputRefused, nearest
 from twin.report.explore.catalogue import PACE_KEY, Slider, check_value, sliders
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.command_words import run_command, run_words
-from twin.robot.experiment.drive_files import drive_names, locate_drive
+from twin.robot.experiment.drive_files import locate_drive
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.experiment_files import BODY_FOLDERS, experiment_file
+from twin.robot.experiment.experiment_files import BODY_FOLDERS, drive_names, experiment_file
 from twin.robot.experiment.fault import FAULT_KINDS, GLITCH_SHARE
 from twin.robot.experiment.source import Source, apply_overrides, key_names, merge_tables, toml_value, value_at
 from twin.robot.paths import locate_file

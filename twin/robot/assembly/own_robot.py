@@ -58,12 +58,12 @@ APPROACH_HEIGHT, FLOOR_DEPTH = 9.0, 29.0
 """Height of travel above the surface and depth of the deepest search for contact (mm), as in massage.toml."""
 SPACE = {"workspace_radius_mm": 40.0, "z_min_mm": -34.0, "z_max_mm": 26.0}
 """Defaults of [monitor] on the shipped robot (mm); heights above the surface."""
-SWING_NOTE = (
-    "a natural frequency below 6 Hz: with the shipped gains the platform may swing until the monitor trips; choose "
-    "stiffer springs or a lighter robot, or twin tune"
-)
 MIN_FREQUENCY = 6.0
 """Natural frequency (Hz) below which tasks are doubtful: they trip the monitor below 5 Hz, and hold from 8.7 Hz on."""
+SWING_NOTE = (
+    f"a natural frequency below {MIN_FREQUENCY:g} Hz: with the shipped gains the platform may swing until the monitor "
+    "trips; choose stiffer springs or a lighter robot, or twin tune"
+)
 SPACE_SHARES = tuple(round(1.0 - 0.05 * step, 2) for step in range(15))
 """Shares of that space that are tried, the largest first; with less there is no room for a massage."""
 

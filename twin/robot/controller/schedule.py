@@ -49,8 +49,8 @@ def schedule_table(points: Sequence[SchedulePoint]) -> np.ndarray:
 def gains_at(points, segment, k):
     """Interpolate the scheduled gains at stiffness `k` (N/m), 1 / gain linearly; return (kp, ki, index of the segment).
 
-    The gains are constant beyond the ends of the table. The search begins at `segment`, any
-    index of a segment, such as the one returned last.
+    The gains are constant beyond the ends of the table. The search begins at any `segment`,
+    such as the last result.
     """
     last = points.shape[0] - 1
     if k <= points[0].stiffness:

@@ -222,6 +222,9 @@ class Broadcast:
         news: messages about refused connections; None marks the first subscription.
         wanted: channels with a subscriber.
         lacking: constant channels whose message a subscriber still lacks.
+
+    Raises:
+        OSError: the port is taken.
     """
 
     def __init__(self, port: int, gate: Gate, channels: Sequence[live.Channel], tuning: Parameters):

@@ -37,7 +37,7 @@ class Reason(IntEnum):
 
 
 class ReasonText(NamedTuple):
-    """Error message of a trip reason, with the compared quantity, and its unit for people and their number per SI unit.
+    """Error message of a trip reason: cause, compared quantity, displayed unit, and number of these units per SI unit.
 
     `sentence` has `{joint}` where one joint caused the trip.
     """

@@ -154,10 +154,10 @@ def simulate_variants(
     ways: Sequence[Callable[[System], None]],
     watch: Callable[[System], Sequence[Observer]] = lambda system: (),
     slice_ticks: int = MAX_SLICE,
-) -> list[tuple[SimulationResult, Trace]]:
+) -> list[Trace]:
     """Run a system several times, changed at the beginning of tick `at` by a different function of `ways` each time.
 
-    Return the simulation and its trace per way, up to tick `last`; shorter on failure or if an observer stopped it.
+    Return the trace per way, up to tick `last`; shorter on failure or if an observer stopped the run.
     `watch` returns further observers of a system's run.
     """
     found = []
@@ -167,11 +167,11 @@ def simulate_variants(
             observers = [*watch(assembly.system), trace]
             for observer in observers:
                 observer.begin(simulation)
-            done = step_until(simulation, observers, at)
+            step_until(simulation, observers, at)
             if simulation.next_tick >= at:
                 way(assembly.system)
-                done = step_until(simulation, observers, last + 1)
-            found.append((done, trace))
+                step_until(simulation, observers, last + 1)
+            found.append(trace)
     return found
 
 

@@ -32,8 +32,8 @@ class PassivityTrial:
     """Check of a passivity prediction in the co-simulation, by the smallest mass (kg) that makes the model swing.
 
     Attributes:
-        predicted, simulated: growth rates at `STABLE_SHARE` and `UNSTABLE_SHARE` of the mass (1/s); infinite if the
-            platform flew off.
+        predicted, simulated: growth rates at `STABLE_SHARE` and `UNSTABLE_SHARE` of the mass (1/s); a simulated one
+            is infinite if the platform flew off.
     """
 
     point: OperatingPoint

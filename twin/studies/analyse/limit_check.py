@@ -37,7 +37,7 @@ class LimitCheck:
         predicted: factor on all gains of the law, see `twin.studies.analyse.linear.margins.gain_limit`.
         low, high: factors between which a nudge begins to last in the co-simulation, each None if it was not reached.
         holds: whether the prediction is confirmed within `LIMIT_TOLERANCE`.
-        reason: explanation of a failed prediction, as far as it was measured.
+        reason: explanation of a failed prediction, as far as it was measured; "" if it holds.
     """
 
     law: str

@@ -90,7 +90,7 @@ def nudged_paths(
         max(1, round(GAIN_INTERVAL / experiment.cosim.tick)),
     )
     # a run that goes far off in its last slice has all its rows: drop the last one so that it counts as shorter
-    paths = [path["plant.p_B"] for _, path in runs]
+    paths = [path["plant.p_B"] for path in runs]
     return [p_B[:-1] if len(p_B) and _is_far_off(p_B[-1], point) else p_B for p_B in paths]
 
 

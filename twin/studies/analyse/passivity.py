@@ -162,16 +162,16 @@ def worst_environment(holding: Callable[[Matrix, float, float], Hand]) -> Enviro
     with a direction, mass (kg) and stiffness (N/m) in the hand.
     """
 
-    def operating_point(x: Matrix) -> tuple[Matrix, float, float]:
+    def environment(x: Matrix) -> tuple[Matrix, float, float]:
         up, around = x[2], x[3]
         direction = np.array([np.sin(up) * np.cos(around), np.sin(up) * np.sin(around), np.cos(up)])
         return direction, float(np.exp(x[0])), float(np.exp(x[1]))
 
     bounds = [tuple(np.log(MASS_RANGE)), tuple(np.log(STIFFNESS_RANGE)), (0.0, 0.5 * np.pi), (0.0, np.pi)]
     found = differential_evolution(
-        lambda x: -holding(*operating_point(x)).growth, bounds, maxiter=9, popsize=6, seed=0, polish=False, tol=1e-3
+        lambda x: -holding(*environment(x)).growth, bounds, maxiter=9, popsize=6, seed=0, polish=False, tol=1e-3
     )
-    direction, mass, stiffness = operating_point(found.x)
+    direction, mass, stiffness = environment(found.x)
     hand = holding(direction, mass, stiffness)
     fastest = hand.poles[np.abs(hand.poles).argmax()]
     turn = abs(float(np.angle(fastest))) / (2.0 * np.pi * hand.period)

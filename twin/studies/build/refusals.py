@@ -53,7 +53,7 @@ def refuse_changes(experiment: Experiment, wanted: Sequence[str]) -> None:
 
 
 def refuse_inner_faults(experiment: Experiment, name: str, wanted: Sequence[str], sound: Feeds, feeds: Feeds) -> None:
-    """Refuse to export a part with a fault between its own components; connections without and with faults."""
+    """Refuse to export a part with a fault between its own components, which `feeds` has and `sound` has not."""
     instead = f"or build the sound {name} with --set fault=[]"
     for target, source in sound.items():
         if feeds[target] != source and {target.component, source.component} <= set(wanted):

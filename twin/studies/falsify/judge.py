@@ -45,7 +45,7 @@ def _runs(signals: frozenset[str], most: int) -> Runs:
 def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> dict[str, Any]:
     """Run the experiment file `settings[0]`; return the distance from violating each requirement as "NAME.distance".
 
-    A failed component ends the run; requirements are judged until then. The finding has more: "trip", the tick of the
+    A failed component ends the run; requirements are judged until then. The fields have more: "trip", the tick of the
     trip or None; without faults also "onsets": ticks in contact and in free motion for the beginning of a fault.
 
     Args:

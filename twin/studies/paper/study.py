@@ -140,9 +140,9 @@ def _result(lines: Sequence[Block], facts: Mapping[str, object], holds: bool) ->
 
 
 def score_fig4(paths: Sequence[Path], out: Path | None) -> Result:
-    """Score two or four recordings, as `FIG4_EXPERIMENTS` or the latest of these, on Fig. 4; write files to `out`.
+    """Score two or four recordings, in the order of `FIG4_EXPERIMENTS`, or the latest of these, on Fig. 4.
 
-    Exit code 1: a claim fails, or cannot be scored because a run lacks a series.
+    Files are written to `out`; None for results/fig4. Exit code 1: a claim fails, or a run lacks a series for it.
     """
     paths = paths or _latest("fig4")
     if len(paths) not in (2, 4):
@@ -160,9 +160,9 @@ def score_fig4(paths: Sequence[Path], out: Path | None) -> Result:
 
 
 def score_fig5(paths: Sequence[Path], out: Path | None) -> Result:
-    """Score runs of tasks, or the latest of `FIG5_EXPERIMENTS`, on the claims of Fig. 5; write report files to `out`.
+    """Score runs of tasks, or the latest of `FIG5_EXPERIMENTS`, on the claims of Fig. 5.
 
-    Exit code 1: a claim fails.
+    Files are written to `out`; None for results/fig5. Exit code 1: a claim fails.
     """
     recordings = _recordings(paths or _latest("fig5"))
     score = fig5.fig5_score(recordings)

@@ -163,6 +163,7 @@ def response(
         enough: function of the angles so far (ticks,), called every half second; True ends the run early.
 
     Raises:
+        InputRefused: the drive cannot be loaded or initialised, or refuses a tick of `TICK`.
         ComponentFailed: the drive returned an error, NaN, infinity, or a motion beyond `MAX_MOTION`.
     """
     with on_bench(plan, TICK, np.column_stack([omega_ref, tau_load])) as system:

@@ -166,7 +166,7 @@ class ListedDrive(NamedTuple):
 
     Attributes:
         kind: "servo" (takes a speed), "motor" (twin's velocity loop commands it), "parts" (several FMUs).
-        problem: reason why the drive does not fit, which has no other facts; empty if it does.
+        problem: reason why the drive does not fit; empty if it does. A drive that does not fit has no other facts.
     """
 
     name: str
@@ -182,7 +182,7 @@ def listed_drives(start: Path) -> tuple[ListedDrive, ...]:
     shelf = locate_file(DRIVES_FOLDER, start)
     if not shelf.is_dir():
         raise InputRefused(f"{shelf}: no such folder; run this in the project's folder, or name a drive by its path")
-    from twin.robot.experiment.drive_files import drive_names
+    from twin.robot.experiment.experiment_files import drive_names
 
     return tuple(_drive(shelf / name) for name in drive_names(shelf))
 

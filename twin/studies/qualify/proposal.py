@@ -31,7 +31,8 @@ from twin.robot.drive.mapping import (
     propose_wires,
     wire_error,
 )
-from twin.robot.experiment.drive_files import MAPPING_FILE, load_drive
+from twin.robot.experiment.drive_files import load_drive
+from twin.robot.experiment.experiment_files import MAPPING_FILE
 from twin.robot.paths import WHEEL_FOLDER
 
 LOOP_TEMPLATE = """

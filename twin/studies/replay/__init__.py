@@ -1,1 +1,1 @@
-"""Replay of a robot's log: position and force from its encoder counts, and the verdict whether robot and twin match."""
+"""Replay of a robot's log: position and force from its encoder counts, and a verdict: do robot and twin match?"""

@@ -85,9 +85,8 @@ class MapCheck:
             text = f"{self._where}: the first joint angles ({of_joints}) deg fit no pose of the robot"
             # small angles are poses in any unit
             turned = float(np.max(np.abs(theta_l))) > 2.0 * np.pi
-            ways = [
-                way for way in MAP_CORRECTIONS if (turned or "deg" not in way) and self._is_pose(_factor(way) * theta_l)
-            ]
+            possible = [way for way, (_, unit) in MAP_CORRECTIONS.items() if turned or not unit]
+            ways = [way for way in possible if self._is_pose(_factor(way) * theta_l)]
             return self._sentence(text, "theta_l", ways)
         text = (
             f"{self._where}: the first motor angles ({of_motors}) deg are not those of these joints, {belief.N:g} "

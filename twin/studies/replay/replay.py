@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from twin.kernel.cosim.delay import values_by_port
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.log import Log, LogError
+from twin.kernel.units import parse_float
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS
 from twin.robot.plant.component import PLANT_OUTPUTS as MOTION
 from twin.robot.plant.dynamics import LONGEST_GAP
@@ -81,11 +82,8 @@ class Replay:
 def normal_time(text: str) -> tuple[float, float]:
     """Parse the baseline of a log into (from, to), s after the first sample: `2` is 0 to 2, `1:3` is 1 to 3."""
     first, colon, last = text.rpartition(":")
-    try:
-        begin, end = float(first) if colon else 0.0, float(last)
-    except ValueError:
-        begin = end = math.nan
-    if not (math.isfinite(end) and 0.0 <= begin < end):
+    begin, end = parse_float(first) if colon else 0.0, parse_float(last)
+    if begin is None or end is None or not (math.isfinite(end) and 0.0 <= begin < end):
         raise InputRefused(f"--baseline {text}: expected a time > 0 s, or FROM:TO with 0 <= FROM < TO, for example 1:3")
     return begin, end
 

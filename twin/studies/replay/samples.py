@@ -27,8 +27,9 @@ from twin.robot.run.view import RunView, sample_and_hold
 from twin.studies.replay.plausible import ANGLE_OF_COUNT, FORCE_SIGNAL, count_conversion
 from twin.studies.replay.sample_columns import ENCODERS, F_Z, INPUTS, OMEGA_REF
 
-MAX_LOG_TIME = 4e9
-"""Maximum time of a log (s): a clock may step from 0 to the time since 1970, but milliseconds are refused."""
+MAX_LOG_TIME, MAX_SAMPLED_TIME = 4e9, 1e8
+"""Maximum time of a log (s), for a clock that steps from 0 to the time since 1970; maximum time with samples, three
+years. Longer ones are in another unit."""
 MAX_LISTED_NAMES = 12
 
 
@@ -128,10 +129,10 @@ def robot_samples(log: Log, belief: Belief) -> RobotSamples:
         refuse_unit(f"{log.path}:", FORCE_SIGNAL, measured.unit, "N")
     if counts.t[0] < 0.0:
         raise LogError(f"{log.path}: begins at {counts.t[0]:g} s, before 0; count its time from its first sample")
-    if counts.t[-1] > MAX_LOG_TIME:
-        raise LogError(
-            f"{log.path}: ends at {counts.t[-1]:g} s, expected at most {MAX_LOG_TIME:g} s; is its unit right?"
-        )
+    sampled = len(counts.t) * counts.sampling.period
+    for what, time, most in (("ends at", counts.t[-1], MAX_LOG_TIME), ("has samples for", sampled, MAX_SAMPLED_TIME)):
+        if time > most:
+            raise LogError(f"{log.path}: {what} {time:g} s, expected at most {most:g} s; is its unit right?")
     # the estimator holds its last value over missing counts, but needs a first one
     there = np.all(np.isfinite(counts.values), axis=1)
     if np.sum(there) < 2:

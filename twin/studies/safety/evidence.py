@@ -188,10 +188,14 @@ def _share_to_dict(share: tuple[int, int]) -> dict[str, Any] | None:
     return {"count": share[0], "of": share[1], "interval": list(interval(share))} if share[1] else None
 
 
-def failed_run(
-    stage: Stage, cause: Cause | str, failure: str, tables: Sequence[dict[str, Any]] = (), found: Origin = "grid"
+def record_of(
+    stage: Stage,
+    cause: Cause | str,
+    tables: Sequence[dict[str, Any]] = (),
+    found: Origin = "grid",
+    failure: str = "",
 ) -> EvidenceRun:
-    """Return the record of a run on a stage that failed, or that is still to be made."""
+    """Return the record of a run on a stage, without reactions: one to be made, or a failed one."""
     seed = stage.experiment.seed
     return EvidenceRun(str(cause), stage.body, stage.settings, tuple(tables), seed, found=found, failure=failure)
 
@@ -200,7 +204,7 @@ def run_of(
     stage: Stage, cause: Cause, tables: Sequence[dict[str, Any]], found: Origin = "grid", delay: float = 0.0
 ) -> EvidenceRun:
     """Run a cause with the monitor, a random draw also without; a refused or failed run is kept as failed."""
-    one = failed_run(stage, cause, "", tables, found)
+    one = record_of(stage, cause, tables, found)
     try:
         if cause.ordered:
             one = replace(one, tables=stage.delay_second(tables, delay))

@@ -25,7 +25,7 @@ from twin.studies.safety.evidence import (
     Origin,
     Stages,
     add_reference_runs,
-    failed_run,
+    record_of,
     run_of,
     tables_of,
 )
@@ -101,7 +101,7 @@ def _distance(stage: Stage, formula: str) -> tuple[dict[str, float], list[Eviden
         run = run_in_memory(stage.experiment)
         return {f"{formula} on {stage.body}{where}": distance(checked, run.tick, run.held)}, []
     except TwinError as problem:
-        return {}, [failed_run(stage, formula, str(problem))]
+        return {}, [record_of(stage, formula, failure=str(problem))]
 
 
 def search_runs(
@@ -211,5 +211,5 @@ def _make_run(
             return None
         except TwinError as problem:
             # a healthy robot that trips or fails there
-            return failed_run(stage, cause, str(problem), tables, found), None
+            return record_of(stage, cause, tables, found, str(problem)), None
     return run_of(stage, cause, tables, found, delay), stage

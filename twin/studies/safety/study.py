@@ -102,7 +102,8 @@ def write_page(
 ) -> tuple[list["HazardLine"], list["ThresholdPoint"]]:
     """Make the runs of a hazard table, write its page into `folder`, and return lines and tried thresholds.
 
-    `settings` are the experiment's, in addition to the table.
+    `settings`: `key=value` of the experiment, in addition to the table. `quick`: without sensitivity and other
+    hardware.
     """
     from math import pi
 

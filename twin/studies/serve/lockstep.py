@@ -29,7 +29,7 @@ MAX_INVALID = 100
 
 
 class Lockstep:
-    """The wire's side of the protocol; `settings` as of `exchange`."""
+    """The wire's side of the protocol; for `settings` see `exchange`."""
 
     def __init__(
         self, wire: Wire, mailbox: Mailbox, events: WireEvents, reporter: PipeReporter, settings: Mapping[str, Any]

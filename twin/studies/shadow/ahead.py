@@ -166,10 +166,10 @@ class PredictionScore:
     JSON_KEYS = "predictions in_band=share error_rms_N=error.rms last_value_rms_N=hold_error.rms what_if"
 
     @property
-    def what_if(self) -> dict[str, dict[str, float]]:
+    def what_if(self) -> dict[str, dict[str, float | None]]:
         """Differences from the prediction by `--what-if`, with units."""
         return {
-            name: {"rms_N": one.rms, "largest_N": one.largest, "at_s": one.largest_time}
+            name: {"rms_N": one.rms, "largest_N": one.largest, "at_s": one.largest_time if one.largest else None}
             for name, one in self.what_if_differences.items()
         }
 

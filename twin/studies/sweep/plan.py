@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_toml
+from twin.kernel.units import has_plain_digits
 from twin.robot.experiment.experiment_files import no_sweep_message
 from twin.robot.experiment.mistakes import error_messages
 from twin.robot.experiment.source import FILE_KEYS
@@ -196,6 +197,8 @@ def short_definition(experiment: Path, ranges: Sequence[str], drive: str | None)
     for text in ranges:
         key, _, levels = text.partition("=")
         try:
+            if not has_plain_digits(levels):
+                raise ValueError
             low, high, count = levels.split(":")
             tables.append({"key": key.strip(), "from": float(low), "to": float(high), "count": int(count)})
         except ValueError:

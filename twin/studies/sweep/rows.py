@@ -102,7 +102,7 @@ def read_columns(path: Path) -> tuple[Columns, int]:
     """Load the complete rows of a sweep's file as columns; return them and their size in the file (bytes).
 
     Rows are ordered oldest first; of duplicate keys the first wins. An incomplete last line, left by a power cut, is
-    ignored.
+    ignored. InputRefused: the file cannot be read, or a line is no row of a sweep.
     """
     parts, end, each = [], 0, _whole_lines(path)
     while some := list(islice(each, ROWS_PER_BATCH)):

@@ -25,9 +25,12 @@ BATCH_PAUSE = 0.05
 
 @dataclass(frozen=True)
 class SweepState:
-    """Progress of a running sweep: numbers of runs with a row, now and at the start, and of those without metrics.
+    """Progress of a running sweep.
 
     Attributes:
+        done, total: number of runs with a row, and of planned runs.
+        failed: number of done runs without metrics.
+        began_with: number of runs that had a row at the start.
         elapsed: wall time since the start (s).
         best: (metric, value, run) of the best run so far by the default metric; None if no run has that metric.
     """

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.systems.choice import FMU_KINDS, MasterChoice
+from twin.kernel.units import parse_float
 from twin.studies.command import Option
 
 if TYPE_CHECKING:
@@ -149,10 +150,7 @@ def steps(texts: Sequence[str]) -> dict[str, float]:
     found: dict[str, float] = {}
     for text in texts:
         name, _, value = text.rpartition("=")
-        try:
-            milliseconds = float(value)
-        except ValueError:
-            milliseconds = math.nan
+        milliseconds = parse_float(value) or 0.0
         if not name or not 0.0 < milliseconds < math.inf:
             raise InputRefused(f"--step {text}: expected COMPONENT=MS with a number above 0")
         _refuse_repeat(found, name, "--step")

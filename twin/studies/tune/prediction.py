@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.kernel.errors import InputRefused
+from twin.kernel.units import parse_float
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.analyse.linear.loops import ESTIMATED_SIGNALS, LOOPS, TRUE_SIGNALS, Matrix
 from twin.studies.analyse.linear.margins import MIN_FREQUENCY, Complex, response
@@ -90,10 +91,8 @@ class Goals:
 
 def stiffness_range(text: str) -> tuple[float, float]:
     """Parse a stiffness range, "300:5000", into (lowest, highest) (N/m)."""
-    try:
-        low, high = (float(number) for number in text.split(":"))
-    except ValueError:
-        low, high = 0.0, 0.0
+    numbers = [parse_float(number) or 0.0 for number in text.split(":")]
+    low, high = numbers if len(numbers) == 2 else (0.0, 0.0)
     if not (math.isfinite(high) and 0.0 < low <= high):
         raise InputRefused(
             f"--stiffness-N-per-m {text}: expected two numbers above 0, the lower first, for example 300:5000"

@@ -108,7 +108,14 @@ class Capability:
 
 
 def capability(experiment: Experiment, rank: bool = True, say: Say = ignore_progress) -> Capability:
-    """Compute the capability of an experiment's true robot through its drives' FMUs; `rank` its values by effect."""
+    """Compute the capability of an experiment's true robot; its drives are measured through their FMUs.
+
+    `rank`: order the values by their effect on the force.
+
+    Raises:
+        InputRefused: the working pose is not free, or a drive is invalid.
+        ComponentFailed: a drive failed.
+    """
     plant, height, approach = experiment.plant, experiment.contact.height, experiment.approach
     geometry, pose, step = geometry_of(plant), np.array([0.0, 0.0, height]), plant.l_b / REACH_STEPS
 

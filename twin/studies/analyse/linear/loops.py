@@ -107,7 +107,7 @@ def fit_drive(
 
     Args:
         frequencies: Hz (n,), below half the tick rate; 0 for the steady gain.
-        response: (n, 2), advance per tick (s) over omega_ref (rad per rad/s) and tau_load (rad per N m).
+        response: (n, 2), advance per tick over omega_ref (rad per rad/s) and tau_load (rad per N m); `tick` in s.
         uncertainty: standard deviation of `response` (n, 2).
     """
     z = np.exp(2j * np.pi * tick * frequencies)

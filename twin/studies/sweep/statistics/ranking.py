@@ -78,9 +78,9 @@ def round_metrics(numbers: Numbers) -> Numbers:
 
 
 def usual_metric(columns: Columns) -> str:
-    """Return the default metric for ranking: the hold error, else that since the first touch, else the lateral error.
+    """Return the default metric for ranking: the hold error, the error since the first touch, or the lateral error.
 
-    Runs lack the first if none held a force, or the rows are of an older twin; the second if no force was controlled.
+    The second if no run held a force, or the rows are of an older twin; the third if no force was controlled.
     """
     return _first_available(columns, USUAL_METRICS)
 
@@ -266,7 +266,7 @@ class WorstRun:
     Attributes:
         row: row of the worst run.
         metric: metric of that run; infinity if it failed, tripped, broke a limit or has no number.
-        runs, bad: number of runs of this choice, and of those without a valid number.
+        runs, bad: number of runs of this choice; number of these runs without a valid number.
     """
 
     row: int
