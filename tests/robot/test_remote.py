@@ -4,6 +4,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -123,17 +124,21 @@ def test_nothing_moves_and_nothing_counts_before_the_first_command(ends: tuple[M
 def test_a_watchdog_stops_the_motors_to_the_tick_and_new_commands_start_them_again(ends: tuple[Mailbox, Mailbox]):
     experiment = shipped(FORCE, "duration_s=0.3")
     period = experiment.controller_ticks
-    # ticks of 1 ms, commands are read at even ticks; the last one of a streak takes effect at 100
+    # samples are at even ticks; a command takes effect at the tick before which it arrives
     at = {50: DOWN, 99: [0.2, 0.0, 0.0], 200: DOWN}
     run, messages, _, _ = real_time(experiment, RemoteLink(ends[0], watchdog=0.06), at, ends[1])
     assert period == 2
     commanded, answered = run.held("remote.omega_ref")[:, 0], np.flatnonzero(run.held("remote.answered"))
-    assert sorted(set(answered // 2 * 2)) == [50, 100, 200]
-    assert (commanded[:50] == 0.0).all() and (commanded[50:100] == 0.3).all()
-    assert (commanded[100:160] == 0.2).all() and (commanded[160:200] == 0.0).all()
+    assert answered.tolist() == [50, 99, 200]
+    assert (commanded[:50] == 0.0).all() and (commanded[50:99] == 0.3).all()
+    assert (commanded[99:159] == 0.2).all() and (commanded[159:200] == 0.0).all()
     assert (commanded[200:260] == 0.3).all() and (commanded[260:] == 0.0).all()
-    np.testing.assert_allclose(run.held("remote.age")[[50, 98, 100, 160, 200]], [0.0, 0.048, 0.0, 0.06, 0.0])
-    assert [tick for tick, _ in messages] == [160, 200, 260]
+    np.testing.assert_allclose(run.held("remote.age")[[50, 98, 99, 159, 200]], [0.0, 0.048, 0.0, 0.06, 0.0])
+    assert [tick for tick, _ in messages] == [159, 200, 260]
+    written = iter(partial(ends[1].samples.pop, 0.0), None)
+    assert [(one.tick, one.values[-1]) for one in written if one.tick in (98, 100)] == [
+        (98, pytest.approx(0.048)), (100, pytest.approx(0.001)),
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("monitored", [True, False])

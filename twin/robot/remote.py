@@ -3,9 +3,10 @@
 The component exchanges both with another process through a mailbox. It takes the place of twin's own controller for
 the drives, before the safety monitor, and has no input that a robot does not measure.
 
-In real time a step never waits: it takes the newest command that has arrived, and holds it until the next one. If no
-command arrives for the time of the watchdog, the commanded speeds are 0. In lockstep a step writes its sample, and
-waits for the command that answers it. Before the first command nothing moves, and neither watchdog nor monitor counts.
+In real time a step never waits: at every tick it takes the newest command that has arrived, and holds it until the
+next one. If no command arrives for the time of the watchdog, the commanded speeds are 0. In lockstep a step writes its
+sample, and waits for the command that answers it. Before the first command nothing moves, and neither watchdog nor
+monitor counts.
 """
 
 import ctypes
@@ -81,7 +82,8 @@ REMOTE_MEMORY = record(
     monitored="i8",  # whether a monitor reads the commands, so that invalid ones are passed on
     scale="i8",
     effort="i8",
-    period="i8",  # ticks
+    call="i8",  # ticks between two calls
+    period="i8",  # ticks between two samples
     watchdog="i8",  # ticks; 0 for none
     events="i8",  # address of (MAX_EVENTS, 2) integers: tick, event
     **states(
@@ -232,12 +234,13 @@ def _wait_for_answer(m, t, h):
 @step_function(REMOTE_MEMORY)
 def remote_step(m, t, h, u, y):
     given, out = carray(u, _MEASURED_WIDTH + m.scale + 3 * m.effort), carray(y, _COMMAND_WIDTH + 2)
-    dt, before = h / m.period, m.applied
+    dt, before = h / m.call, m.applied
     if not m.lockstep:
         if _read_commands(m) == GIVE_UP_TAG:
             return GAVE_UP_STATUS
         _watch_commands(m)
-    _write_sample(m, given, (m.tick - m.since) * dt if m.applied > 0 else 0.0)
+    if m.tick % m.period == 0:
+        _write_sample(m, given, (m.tick - m.since) * dt if m.applied > 0 else 0.0)
     if m.lockstep:
         status = _wait_for_answer(m, t, h)
         if status != 0:
@@ -246,15 +249,16 @@ def remote_step(m, t, h, u, y):
         out[i] = m.omega_ref[i]
     out[_COMMAND_WIDTH] = (m.tick - m.since) * dt if m.applied > 0 else 0.0
     out[_COMMAND_WIDTH + 1] = m.applied != before
-    m.tick += m.period
+    m.tick += m.call
     return 0
 
 
 class RemoteController(NativeComponent):
-    """Sampled component of a remote controller; `tick` in s, `period` in ticks.
+    """Sampled component of a remote controller; `tick` in s, samples every `period` ticks.
 
-    `scale` and `effort`: whether the robot measures the force on a scale, and the torques of all motors. `monitored`:
-    whether a safety monitor reads the commands.
+    In real time it is called at every tick, because a command should not wait for the next sample. `scale` and
+    `effort`: whether the robot measures the force on a scale, and the torques of all motors. `monitored`: whether a
+    safety monitor reads the commands.
     """
 
     def __init__(self, link: RemoteLink, tick: float, period: int, scale: bool, effort: bool, monitored: bool):
@@ -263,16 +267,17 @@ class RemoteController(NativeComponent):
         self._kernel, self._info, self._nap = syscall_numbers(), np.zeros(2, dtype=np.int64), timespec(SLEEP_INTERVAL)
         self._events = np.zeros((MAX_EVENTS, 2), dtype=np.int64)
         self._check = STEP_FUNCTION(lambda *_: self._call_check())
+        call = period if link.lockstep else 1
         watchdog = 0 if link.lockstep else round(min(link.watchdog / tick, MAX_TICKS))
         check = ctypes.cast(self._check, ctypes.c_void_p).value
         memory = memory_of(
             REMOTE_MEMORY, kernel=self._kernel.ctypes.data, info=self._info.ctypes.data, nap=self._nap.ctypes.data,
             samples=link.mailbox.samples.address, commands=link.mailbox.commands.address, check=check,
-            lockstep=link.lockstep, monitored=monitored, scale=scale, effort=effort, period=period,
-            watchdog=watchdog, events=self._events.ctypes.data,
+            lockstep=link.lockstep, monitored=monitored, scale=scale, effort=effort, call=call,
+            period=period, watchdog=watchdog, events=self._events.ctypes.data,
         )  # fmt: skip
         inputs = (*MEASURED_PORTS, *[SCALE_PORT] * scale, *[EFFORT_PORT] * effort)
-        super().__init__("remote", inputs, REMOTE_OUTPUTS, True, remote_step, memory, period=period, keep=self)
+        super().__init__("remote", inputs, REMOTE_OUTPUTS, True, remote_step, memory, period=call, keep=self)
         self.finite = not monitored
 
     def follow(self, deadlines: Deadlines) -> None:

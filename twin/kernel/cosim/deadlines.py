@@ -142,16 +142,16 @@ def advance(deadlines, first, count, row):
 class Deadlines:
     """Pacing of a simulation in real time: deadlines of the ticks, and statistics of lateness.
 
-    `tick` is the wall time of a tick (s), > 0; `functions` is the result of `clock_functions`.
-    `lateness` is the time from a deadline to the start of its tick.
+    `tick` is the wall time of a tick, and `shortest` the minimum between two deadlines (s), > 0; `functions` is the
+    result of `clock_functions`. `lateness` is the time from a deadline to the start of its tick.
     """
 
-    def __init__(self, tick: float, functions: tuple[Any, ...]):
+    def __init__(self, tick: float, functions: tuple[Any, ...], shortest: float = MIN_WAIT):
         *self._functions, number = functions
         clock, sleep = (ctypes.cast(one, ctypes.c_void_p).value for one in self._functions)
         self._time = np.zeros(2, dtype=np.int64)
         self.lateness = Histogram()
-        every = max(1, math.ceil(MIN_WAIT / tick - 1e-9))
+        every = max(1, math.ceil(shortest / tick - 1e-9))
         self.memory = memory_of(
             DEADLINE_RECORD, clock=clock, sleep=sleep, clock_id=number, time=self._time.ctypes.data, start=-1,
             tick=tick * NS_PER_SECOND, every=every, bins=self.lateness.bins.ctypes.data,

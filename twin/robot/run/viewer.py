@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from twin.kernel.cosim.deadlines import Deadlines, clock_functions
+from twin.kernel.cosim.deadlines import MIN_WAIT, Deadlines, clock_functions
 from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.recording.messages import Topic
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 SLICE_TIME, SERVED_SLICE_TIME = 0.01, 0.05
 """Wall time (s) of a slice of a paced run: short for a user who turns a knob, long compared with its overhead. In a
 served run, whose samples the Python code between two slices may delay, it is longer."""
+SERVED_WAIT = 2e-4
+"""Minimum wall time between two deadlines of a served run (s): commands act at the tick after their arrival."""
 
 
 class Viewer(Protocol):
@@ -99,13 +101,14 @@ class Punctuality:
 class Pace(Observer):
     """Observer that paces a simulation at `factor` times real time, > 0.
 
-    The simulated `tick`, and the wall times `tick_time` and `slice_time` of a tick and of a slice, are in s.
+    The simulated `tick`, and the wall times `tick_time` and `slice_time` of a tick and of a slice, and `shortest`
+    between two deadlines, are in s.
     """
 
-    def __init__(self, factor: float, tick: float, slice_time: float = SLICE_TIME):
+    def __init__(self, factor: float, tick: float, slice_time: float = SLICE_TIME, shortest: float = MIN_WAIT):
         self._factor, self._slice_time = factor, slice_time
         self.tick_time = tick / factor
-        self.deadlines = Deadlines(self.tick_time, clock_functions())
+        self.deadlines = Deadlines(self.tick_time, clock_functions(), shortest)
 
     def slice_ticks(self, block: int) -> int:
         """Return the ticks of a slice of a paced run: a divisor of `block`, at most the slice time, or one."""

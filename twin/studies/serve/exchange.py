@@ -20,7 +20,7 @@ from twin.studies.serve.wire import FOREIGN_TEXT, REPORT_PERIOD, WAIT_TIMEOUT, W
 
 MAX_PENDING = 10_000
 """Maximum number of samples whose answers are awaited for the count of lost commands."""
-_COMMANDED_SPEEDS = port_slices(SAMPLE_PORTS)["omega_ref"]
+_COMMANDED_SPEEDS, _AGE = (port_slices(SAMPLE_PORTS)[name] for name in ("omega_ref", "age"))
 
 
 class FreeExchange:
@@ -35,7 +35,7 @@ class FreeExchange:
         self._arrived: dict[int, int] = {}
         self._published: dict[int, int] = {}
         self._samples = self._commands = self._answers = self._first = self._last = 0
-        self._latency, self._effect = Histogram(), Histogram()
+        self._latency = Histogram()
         self._applied, self._speeds = 0, np.zeros(MOTOR_COUNT)
         self._failure: BaseException | None = None
 
@@ -83,18 +83,17 @@ class FreeExchange:
             # the other thread may remove one meanwhile, which ends an iteration
             with contextlib.suppress(RuntimeError):
                 self._published.pop(next(iter(self._published)), None)
-        if (arrived := self._arrived.pop(self._applied, None)) is not None:
-            self._latency.add(1e-9 * (written - arrived))
-        speeds = entry.values[_COMMANDED_SPEEDS]
-        if entry.tag != self._applied or not np.array_equal(speeds, self._speeds, equal_nan=True):
-            self._wire.write_applied(stamp, speeds)
-        if entry.tag != self._applied:
+        speeds, age, newer = entry.values[_COMMANDED_SPEEDS], float(entry.values[_AGE][0]), entry.tag != self._applied
+        if newer or not np.array_equal(speeds, self._speeds, equal_nan=True):
+            # a command may act from a tick before that of the sample
+            self._wire.write_applied(stamp - (round(1e9 * age) if newer else 0), speeds)
+        if newer:
             self._applied = entry.tag
             # older ones were superseded before a tick
             for number in [n for n in list(self._arrived) if n < entry.tag]:
                 del self._arrived[number]
-            if (arrived := self._arrived.get(entry.tag)) is not None:
-                self._effect.add(1e-9 * (written - arrived))
+        if age > 0.0 and (arrived := self._arrived.pop(entry.tag, None)) is not None:
+            self._latency.add(1e-9 * (written - arrived))
         self._speeds = speeds
 
     def _receive(self) -> None:
@@ -133,16 +132,17 @@ class FreeExchange:
         return True
 
     def _summary(self, notes: list[str]) -> dict[str, Any]:
-        latencies = {
-            name: {"p50": 1e3 * one.quantile(0.5), "p99": 1e3 * one.quantile(0.99), "largest": 1e3 * one.largest}
-            for name, one in (("latency_ms", self._latency), ("effect_ms", self._effect))
-            if one.count
-        }
+        times = (
+            ("p50", self._latency.quantile(0.5)),
+            ("p99", self._latency.quantile(0.99)),
+            ("largest", self._latency.largest),
+        )
+        latency = {"latency_ms": {name: 1e3 * time for name, time in times}} if self._latency.count else {}
         asked = self._last - self._first + 1 if self._answers else 0
         return {
             "samples": self._samples, "lost": self._mailbox.samples.lost, "unwritten": self._wire.unwritten,
             "commands": self._commands, "ignored": self._events.counts, "unanswered": asked - self._answers,
-            **self._wire.ends(), **latencies, "notes": notes,
+            **self._wire.ends(), **latency, "notes": notes,
         }  # fmt: skip
 
 

@@ -325,7 +325,9 @@ def exchange_lines(facts: Mapping[str, Any]) -> list[str]:
     lines = [f"{facts['mode']}: {', '.join(counts)}"]
     if latency := facts.get("latency_ms"):
         p50, p99, largest = (latency[key] for key in ("p50", "p99", "largest"))
-        lines.append(f"from a command to the next sample {p50:.2f} ms, {p99:.2f} ms at 99 %, at most {largest:.2f} ms")
+        lines.append(
+            f"from a command to the sample it moved {p50:.2f} ms, {p99:.2f} ms at 99 %, at most {largest:.2f} ms"
+        )
     return [*lines, *facts.get("notes", ())]
 
 
