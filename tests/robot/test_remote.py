@@ -154,6 +154,16 @@ def test_silence_beyond_the_watchdog_is_a_reason_to_retract_to_the_tick(monitore
     assert (retreat[209] == 0.0).all() and (retreat[210] < 0.0).all()
 
 
+def test_commands_that_come_again_do_not_end_a_retraction(ends: tuple[Mailbox, Mailbox]):
+    experiment, link = shipped(FORCE, "duration_s=0.5", "monitor.enabled=true"), RemoteLink(ends[0], False, 0.01, 0.1)
+    again = real_time(experiment, link, {100: DOWN, **dict.fromkeys(range(300, 500, 2), DOWN)}, ends[1])
+    assert again.trip is not None and (again.trip.reason, again.trip.tick) == (Reason.SILENT, 210)
+    assert (again.run.held("remote.omega_ref")[300:] == 0.3).all()
+    sent = again.run.held("monitor.omega_ref")
+    assert (sent[210] < 0.0).all() and (sent[300:] <= 0.0).all()
+    assert (again.run.held("monitor.reason")[210:] == Reason.SILENT).all()
+
+
 def test_without_a_watchdog_commands_are_held_for_ever(ends: tuple[Mailbox, Mailbox]):
     experiment = shipped(FORCE, "duration_s=0.4", "monitor.enabled=true")
     run, _, trip, _ = real_time(experiment, RemoteLink(ends[0], silence=0.1), {100: [0.01, 0.01, 0.01]}, ends[1])

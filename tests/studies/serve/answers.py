@@ -20,7 +20,8 @@ TOLD = "TWIN_TEST_ANSWERS"
 def exchange(reporter: PipeReporter, settings: dict[str, Any]) -> dict[str, Any]:
     """Answer samples until the run is over.
 
-    Ticks: `stalls` answers `seconds` late, `gives_up`, `dies`, `ignores` puts a command that is not obeyed first.
+    Ticks: `stalls` answers `seconds` late, or never if they are not given, `gives_up`, `dies`, `ignores` puts a command
+    that is not obeyed first.
     """
     told = json.loads(os.environ[TOLD])
     mailbox = Mailbox(reporter.box, width(SAMPLE_PORTS), width(COMMAND_PORTS))
@@ -34,7 +35,7 @@ def exchange(reporter: PipeReporter, settings: dict[str, Any]) -> dict[str, Any]
             continue
         samples += 1
         if sample.tick == told.get("stalls"):
-            until = time.monotonic() + told["seconds"]
+            until = time.monotonic() + told.get("seconds", 1e9)
             while time.monotonic() < until and not mailbox.is_closed:
                 time.sleep(0.05)
         if sample.tick == told.get("dies"):

@@ -13,10 +13,12 @@ import numpy as np
 import pytest
 
 from tests.command_line import Done, twin
+from tests.robot.live.viewer import Viewer, address_in
 from tests.studies.serve import answers
 from twin.kernel.recording.reader import last_time, read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import run_in_memory
+from twin.studies.serve.session import exchange_lines
 
 SHORT = ("--set", "duration_s=0.4")
 ROOT = Path(__file__).parents[3]
@@ -228,6 +230,70 @@ def test_a_killed_run_is_readable_to_its_last_second(tmp_path: Path, told: Any):
     # time of the robot is time of the wall
     assert (last_time(partial) or 0.0) >= before + 0.5
     assert len(read(partial, salvage=True)["remote.age"]) > 1000
+
+
+def test_a_killed_run_in_lockstep_lost_no_tenth_of_a_second_however_long_an_answer_takes(tmp_path: Path, told: Any):
+    told(stalls=300)
+    running = process(tmp_path, "serve", "fig4_force_position", *SHORT, "--lockstep", "--out", tmp_path / "run")
+    partial = tmp_path / "run" / "run.mcap.partial"
+    wait_for(partial)
+    began = time.monotonic()
+    while (last_time(partial) or 0.0) < 0.299:
+        assert time.monotonic() - began < 60.0
+        time.sleep(0.1)
+    os.kill(running.pid, signal.SIGKILL)
+    running.wait()
+    assert read(partial, salvage=True).time("plant")[-1] == pytest.approx(0.299)
+
+
+def test_drives_in_processes_of_their_own_move_a_served_robot_bit_for_bit(tmp_path: Path, told: Any):
+    told(table=table_of(tmp_path / "table.npy", "fig4_force_position", "duration_s=0.4"))
+    words = "serve", "fig4_force_position", *SHORT, "--lockstep", "--isolate", "drive", "--out", tmp_path / "run"
+    running = process(tmp_path, *words)
+    out, said = running.communicate(timeout=120)
+    assert running.returncode == 0, said
+    assert "201 samples" in out
+    found, alone = read(tmp_path / "run"), run_in_memory(load_experiment("fig4_force_position", SHORT[1:]))
+    for key in ("plant.p_B", "plant.F_ee_B", "drive/1.theta_m"):
+        np.testing.assert_array_equal(found[key], alone[key])
+
+
+def test_a_viewer_of_a_served_robot_starts_a_fault(tmp_path: Path, told: Any):
+    told()
+    fault = "fault=[{kind='spring_softened', target='joint_2', onset_s=19, magnitude_factor=0.8}]"
+    words = "serve", "fig4_force_position", "--set", fault, "--live", "--port", "0", "--out", tmp_path / "run"
+    running = process(tmp_path, *words, "--watchdog-ms", "0")
+    assert running.stderr is not None
+    address = next(line for line in running.stderr if "serving ws://" in line)
+    with Viewer(address_in(address)) as viewer:
+        viewer.until(lambda: "/events" in viewer.channels)
+        assert viewer.parameters()["fault.1.start"] is False
+        viewer.subscribe("/events", "/plant")
+        viewer.until(lambda: bool(viewer.messages("/plant")))
+        viewer.set("fault.1.start", True)
+        viewer.until(lambda: any("fault" in one.message.message for one in viewer.messages("/events")))
+    running.send_signal(signal.SIGINT)
+    _, said = running.communicate(timeout=60)
+    assert running.returncode == 130, said
+    found = read(tmp_path / "run")
+    onset = found.time("fault/1")[np.flatnonzero(found["fault/1.active"])[0]]
+    assert 0.0 < onset < found.time("plant")[-1] < 19.0
+
+
+def test_the_text_of_an_exchange_states_losses_and_both_latencies():
+    times = {"p50": 0.8, "p99": 1.4, "largest": 5.0}
+    facts = {
+        "mode": "real time", "samples_written": 9, "commands_read": 8, "commands": 7, "superseded": 1, "invalid": 0,
+        "unanswered": 2, "lost": 3, "unwritten": 4, "ignored": {"old": 1}, "effect_ms": times, "notes": ["refused"],
+        "latency_ms": {"p50": 1.8, "p99": 2.4, "largest": 6.0},
+    }  # fmt: skip
+    assert exchange_lines(facts) == [
+        "real time: 9 samples, 7 commands, 1 replaced before a tick, 2 samples without an answer, 3 samples lost, "
+        "4 messages not written, 1 old",
+        "from a command to the sample from which it acts 0.80 ms, 1.40 ms at 99 %, at most 5.00 ms",
+        "from a command to the sample after that 1.80 ms, 2.40 ms at 99 %, at most 6.00 ms",
+        "refused",
+    ]
 
 
 @pytest.mark.parametrize(("gain", "code"), [(1.0, 0), (0.7, 1), (0.0, 1)])

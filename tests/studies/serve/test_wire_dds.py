@@ -108,7 +108,7 @@ class Robot:
         settings = {
             "lockstep": False, "answer_s": 10.0, "names": list(JOINTS), "commands": "joint", "command_topic": "",
             "domain": domain, "tick_s": 0.001, "period_ticks": 2, "counts_m": COUNTS_M, "counts_l": COUNTS_L,
-            "has_effort": True, "has_scale": True,
+            "has_effort": True, "has_scale": True, "watchdog": 0.01,
         } | changed  # fmt: skip
         self.summary: dict[str, Any] = {}
         reporter: Any = self.notes
@@ -248,16 +248,106 @@ def test_a_node_that_comes_back_is_obeyed_whether_it_left_or_was_killed(
     assert any("another one is obeyed from now on" in text for text in robot.notes.texts("event"))
 
 
+def test_a_publisher_keeps_its_place_as_long_as_the_watchdog_accepts_its_silence(
+    started: Callable[..., Robot], domain: int, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(wire, "SILENCE_TIMEOUT", 0.2)
+    robot, first = started(watchdog=0.0), Node(domain).writer()
+    first(messages.joint_state(1, MOTORS, velocity=(1, 1, 1)))
+    assert obeyed(robot, 1) == [[1, 1, 1]]
+    second = Node(domain).writer()
+    time.sleep(0.4)
+    second(messages.joint_state(2, MOTORS, velocity=(2, 2, 2)))
+    ignored = robot.mailbox.commands.pop(TIMEOUT)
+    assert ignored is not None and ignored.tag == IGNORED_TAG
+    first(messages.joint_state(3, MOTORS, velocity=(3, 3, 3)))
+    assert obeyed(robot, 1) == [[3, 3, 3]]
+    assert robot.close()["ignored"] == {"other publisher": 1}
+
+
+def test_the_publisher_that_matched_first_is_obeyed_also_if_another_sends_first(
+    started: Callable[..., Robot], domain: int, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(wire, "SILENCE_TIMEOUT", TIMEOUT)
+    robot = started()
+    # several, since DDS may list few in the order of matching by chance
+    ends = [Node(domain).writer()]
+    time.sleep(2 * wire.WAIT_TIMEOUT + 0.1)
+    ends += [Node(domain).writer() for _ in range(5)]
+    time.sleep(2 * wire.WAIT_TIMEOUT + 0.1)
+    for number, write in reversed(list(enumerate(ends))):
+        write(messages.joint_state(1, MOTORS, velocity=(number, 0, 0)))
+        one = robot.mailbox.commands.pop(TIMEOUT)
+        assert one is not None and (one.values[0], one.tag) == (number, IGNORED_TAG if number else OBEYED_TAG)
+
+
+def test_joints_and_commands_may_have_other_names_and_drives_no_torque(started: Callable[..., Robot], domain: int):
+    names = [f"joint_{k}" for k in range(6)]
+    robot, node = started(names=names, command_topic="/lab/speeds", has_effort=False), Node(domain)
+    joints, write = node.reader("/joint_states", JOINT_STATE), node.writer("/lab/speeds")
+    until(lambda: node._ends["/joint_states"].get_matched_publications())
+    robot.put(0, MOVED)
+    found: list[Any] = []
+    until(lambda: found.extend(joints()) or found)
+    assert found[0].name == names and len(found[0].effort) == 0 and len(found[0].velocity) == 6
+    write(messages.joint_state(1, MOTORS, velocity=(9, 9, 9)))
+    write(messages.joint_state(2, names[:3], velocity=(4, 5, 6)))
+    assert obeyed(robot, 1) == [[4, 5, 6]]
+    assert robot.close()["ignored"] == {"invalid": 1}
+
+
+@pytest.mark.parametrize("leaves", [True, False])
+def test_a_node_that_comes_back_in_lockstep_answers_the_sample_that_waits(
+    started: Callable[..., Robot], domain: int, monkeypatch: pytest.MonkeyPatch, leaves: bool
+):
+    monkeypatch.setattr(wire, "SILENCE_TIMEOUT", 0.5)
+    monkeypatch.setattr("twin.studies.serve.lockstep.REPEAT_PERIOD", 0.1)
+    robot, first, second = started(lockstep=True), Node(domain), Node(domain)
+    states, write = first.reader("/joint_states", JOINT_STATE), first.writer()
+    until(lambda: robot.notes.texts("ready"))
+    robot.put(0, MOVED)
+    until(states)
+    write(messages.joint_state(NS_PER_SECOND, MOTORS, velocity=(1, 1, 1)))
+    assert obeyed(robot, 1) == [[1, 1, 1]]
+    del write
+    if leaves:
+        first.close()
+    robot.put(2, MOVED)
+    joints, write = second.reader("/joint_states", JOINT_STATE), second.writer()
+    answers: list[int] = []
+
+    def answer() -> bool:
+        for one in joints():
+            answers.append(stamp_of(one))
+            write(messages.joint_state(answers[-1], MOTORS, velocity=(2, 2, 2)))
+        return bool(answers) and robot.mailbox.commands.unread_entries > 0
+
+    until(answer)
+    while (one := robot.mailbox.commands.pop(0.02)) is None or one.tag != OBEYED_TAG:
+        answer()
+    assert (one.tick, one.values.tolist()) == (2, [2, 2, 2])
+    assert set(answers) == {NS_PER_SECOND + 2_000_000}
+    assert robot.close()["deterministic"]
+    assert any("another one is obeyed" in text for text in robot.notes.texts("event")) != leaves
+
+
 @pytest.mark.parametrize("kind", ["joint", "array"])
 def test_in_lockstep_every_sample_is_answered_by_its_stamp_or_its_place(
-    started: Callable[..., Robot], domain: int, kind: str
+    started: Callable[..., Robot], domain: int, monkeypatch: pytest.MonkeyPatch, kind: str
 ):
-    robot = started(lockstep=True, commands=kind, has_scale=False)
+    robot = started(lockstep=True, commands=kind)
     node, n = Node(domain), 200
     joints, times = node.reader("/joint_states", JOINT_STATE), node.reader("/clock", CLOCK)
     write = node.writer(ARRAYS, SPEED_ARRAY) if kind == "array" else node.writer()
     stamps: list[int] = []
-    alive = True
+    written: list[str] = []
+    alive, write_one = True, wire.Wire._write
+
+    def note_topic(it: wire.Wire, writer: Any, data: bytes) -> None:
+        written.append(writer.topic.name.removeprefix("rt"))
+        write_one(it, writer, data)
+
+    monkeypatch.setattr(wire.Wire, "_write", note_topic)
 
     def answer() -> None:
         while alive:
@@ -281,6 +371,8 @@ def test_in_lockstep_every_sample_is_answered_by_its_stamp_or_its_place(
         controller.join()
     assert stamps == [1_000_000_000 + 2_000_000 * k for k in range(n)]
     assert len(times()) >= 1
+    # a controller that has the joint states has force and time, too
+    assert written == ["/scale/wrench", "/clock", "/joint_states", "/commands_applied"] * n
     summary = robot.close()
     assert summary["deterministic"] and summary["samples"] == summary["commands"] == n and not summary["ignored"]
 
@@ -305,6 +397,7 @@ def settings_of(domain: int, topic: str = "") -> dict[str, Any]:
     return {
         "lockstep": True, "names": JOINTS, "commands": "joint", "command_topic": topic, "domain": domain,
         "tick_s": 1e-3, "counts_m": COUNTS_M, "counts_l": COUNTS_L, "has_effort": False, "has_scale": False,
+        "watchdog": 0.01,
     }  # fmt: skip
 
 

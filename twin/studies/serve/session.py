@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -39,8 +39,8 @@ from twin.studies.check.job import stored_baseline
 WIRE_JOB = "twin.studies.serve.exchange:exchange"
 WATCHDOG_PERIODS = 5.0
 """Default time of the watchdog, in periods of the controller."""
-FLUSH_INTERVAL = 0.5
-"""Simulated time (s) between two writes of all recorded data to the file."""
+FLUSH_INTERVAL, LOCKSTEP_FLUSH_INTERVAL = 0.5, 0.1
+"""Simulated time (s) between two writes of all recorded data to the file; lockstep may take longer than real time."""
 CLOSE_TIMEOUT = 3.0
 """Timeout (s) for the process of the topics to end by itself."""
 COMMANDS_TOPIC = Topic(
@@ -54,6 +54,11 @@ COMMANDS_TOPIC = Topic(
     1,
 )
 """Recorded topic of a remote controller's commands, at their times of arrival; in lockstep at the ticks they answer."""
+COUNTED_TEXTS = {
+    "superseded": "replaced before a tick", "invalid": "not a number", "unanswered": "samples without an answer",
+    "lost": "samples lost", "unwritten": "messages not written", "resent": "samples repeated",
+}  # fmt: skip
+"""Counts of `ServedRobot.facts` that the text of a run states if they are not 0."""
 MIN_COMMAND_GAP = 1e-6
 """Minimum distance (ticks) between recorded commands: 1 ns for a tick of 1 ms."""
 
@@ -67,7 +72,7 @@ class ServeOptions:
         answer_s: time (s) without an answer after which a run in lockstep ends.
         commands: message type of commands: "joint" or "array".
         command_topic: topic of the commands; "" for the usual one of the type.
-        watchdog, silence: see `RemoteLink`; a watchdog of None is `WATCHDOG_PERIODS`.
+        watchdog, silence: see `RemoteLink`.
         names: joint names: motors 1 to 3, then links 1 to 3.
         domain: DDS domain; None for that of ROS_DOMAIN_ID.
     """
@@ -76,7 +81,7 @@ class ServeOptions:
     answer_s: float
     commands: str
     command_topic: str
-    watchdog: float | None
+    watchdog: float
     silence: float
     names: tuple[str, ...]
     domain: int | None
@@ -137,7 +142,6 @@ class ServedRobot(Observer):
     Ctrl-C and SIGTERM end the run regularly.
 
     Args:
-        period: period of the controller (s).
         trace: observer that keeps the signals; None for none.
 
     Attributes:
@@ -146,12 +150,13 @@ class ServedRobot(Observer):
 
     enough = False
 
-    def __init__(self, wire: WireProcess, options: ServeOptions, period: float, trace: Trace | None = None):
-        watchdog = WATCHDOG_PERIODS * period if options.watchdog is None else options.watchdog
+    def __init__(self, wire: WireProcess, options: ServeOptions, trace: Trace | None = None):
         self._wire, self._trace = wire, trace
-        self.link = RemoteLink(wire.mailbox, options.lockstep, watchdog, options.silence, self._check)
+        self.link = RemoteLink(wire.mailbox, options.lockstep, options.watchdog, options.silence, self._check)
         self.topics: Sequence[Topic] = [COMMANDS_TOPIC]
-        times = {} if options.lockstep else {"watchdog_s": f"{watchdog:g}", "silence_s": f"{options.silence:g}"}
+        limits = {"watchdog_s": f"{options.watchdog:g}", "silence_s": f"{options.silence:g}"}
+        times = {} if options.lockstep else limits
+        self._flush_interval = LOCKSTEP_FLUSH_INTERVAL if options.lockstep else FLUSH_INTERVAL
         mode = "lockstep" if options.lockstep else "real time"
         self.metadata: Mapping[str, str] = {"mode": mode, **times, "irregular": COMMANDS_TOPIC.name}
         self._newest, self._flushed = 0.0, 0
@@ -194,7 +199,7 @@ class ServedRobot(Observer):
         events.sort(key=lambda event: event.tick)
         if commands := self._wire.mailbox.commands.pop_all():
             self._record(commands, last)
-        if self._simulation.next_tick - self._flushed >= round(FLUSH_INTERVAL / self._tick):
+        if self._simulation.next_tick - self._flushed >= round(self._flush_interval / self._tick):
             self._flushed = self._simulation.next_tick
             self._recorder.call(lambda writer: writer.flush())
 
@@ -244,7 +249,7 @@ def served_run(
 
     Args:
         experiment, settings, drive, body, out, isolate_drives, limit_step, sure: see `recorded_runs`.
-        options: fields of `ServeOptions`.
+        options: fields of `ServeOptions`; a watchdog of None is `WATCHDOG_PERIODS`.
         check: whether to compare the measures with their baseline, in the folder `baselines`.
         live: port and origins of a live server; None for none.
 
@@ -258,6 +263,8 @@ def served_run(
         KeyboardInterrupt: Ctrl-C; the recording is whole.
     """
     asked, loaded = ServeOptions(**options), load_experiment(Path(experiment), settings, drive, body)
+    if options["watchdog"] is None:
+        asked = replace(asked, watchdog=WATCHDOG_PERIODS * loaded.controller_ticks * loaded.cosim.tick)
     factor = None if asked.lockstep else 1.0
     if not sure:
         refuse_endless([loaded], factor)
@@ -274,7 +281,7 @@ def served_run(
     with ExitStack() as stack:
         wire = stack.enter_context(WireProcess(say))
         wire.start(wire_settings(loaded, asked))
-        robot = ServedRobot(wire, asked, loaded.controller_ticks * loaded.cosim.tick, trace)
+        robot = ServedRobot(wire, asked, trace)
         if not asked.lockstep and (refused := stack.enter_context(real_time(priority=SOURCE_PRIORITY))):
             say(refused)
         viewer = stack.enter_context(live_server(say, waits=False, **live)) if live else None
@@ -319,8 +326,8 @@ def exchange_lines(facts: Mapping[str, Any]) -> list[str]:
     # a process of the topics that was ended has no summary
     commands = facts.get("commands", facts["commands_read"])
     counts = [f"{facts['samples_written']} samples", f"{commands} commands"]
-    for key, text in (("superseded", "replaced before a tick"), ("invalid", "not a number")):
-        counts += [f"{facts[key]} {text}"] if facts[key] else []
+    for key, text in COUNTED_TEXTS.items():
+        counts += [f"{facts[key]} {text}"] if facts.get(key) else []
     counts += [f"{count} {reason}" for reason, count in facts.get("ignored", {}).items() if count]
     lines = [f"{facts['mode']}: {', '.join(counts)}"]
     if latency := facts.get("latency_ms"):

@@ -4,6 +4,7 @@ It runs in a process of its own and talks to the simulation by a mailbox. In rea
 until a sample is there and publishes it, the other sleeps until a command arrives. In lockstep see `lockstep`.
 """
 
+import math
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -37,7 +38,7 @@ HANDLE_MASK = 2**64 - 1
 MAX_BLOCKING_TIME = 0.1
 """Maximum time (s) that a reliable writer waits for a slow reader."""
 SILENCE_TIMEOUT = 1.0
-"""Time (s) without a command of the obeyed publisher after which another one that sends is obeyed."""
+"""Minimum time (s) without a command of the obeyed publisher after which another one that sends is obeyed."""
 WAIT_TIMEOUT = 0.05
 """Maximum time (s) of a wait, after which the end of the run is checked."""
 REPORT_PERIOD = 1.0
@@ -70,16 +71,19 @@ class Publishers:
 
     DDS takes 10 s and more to notice a process that was killed; its successor must not wait for that.
 
+    Args:
+        silence: time (s) without a command after which a publisher that has been obeyed is replaced.
+
     Attributes:
         matched: DDS handles of the present publishers; the first is obeyed, the others are in order of matching.
         seen: number of publishers so far.
     """
 
-    def __init__(self, events: WireEvents):
-        self._events = events
+    def __init__(self, events: WireEvents, silence: float):
+        self._events, self._silence = events, silence
         self.matched: list[int] = []
         self.seen = 0
-        self._heard = 0.0
+        self._heard, self._heard_publisher = 0.0, -1
 
     def update(self, present: Sequence[int]) -> None:
         """Replace the present publishers; known ones keep their order."""
@@ -95,14 +99,15 @@ class Publishers:
         if publisher not in self.matched:
             # within a process a message may come before its publisher is listed
             self.update([*self.matched, publisher])
-        if publisher in self.matched[1:] and now - self._heard > SILENCE_TIMEOUT:
-            silence = f"the publisher of commands was silent for {SILENCE_TIMEOUT:g} s"
+        limit = self._silence if self.matched[0] == self._heard_publisher else SILENCE_TIMEOUT
+        if publisher in self.matched[1:] and now - self._heard > limit:
+            silence = f"the publisher of commands was silent for {limit:g} s"
             self._events.add("publisher replaced", f"{silence}; another one is obeyed from now on")
             self.matched.remove(publisher)
             self.matched.insert(0, publisher)
         obeyed = self.matched[:1] == [publisher]
         if obeyed:
-            self._heard = now
+            self._heard, self._heard_publisher = now, publisher
         return obeyed
 
 
@@ -170,7 +175,9 @@ class Wire:
         unread = core.SampleState.NotRead | core.ViewState.Any | core.InstanceState.Any
         self._condition = core.ReadCondition(self._reader, unread)
         self._waiting.attach(self._condition)
-        self.publishers = Publishers(events)
+        # in real time a command is valid until the watchdog's time has passed; lockstep has no watchdog
+        valid = 0.0 if self._lockstep else settings["watchdog"] or math.inf
+        self.publishers = Publishers(events, max(SILENCE_TIMEOUT, valid))
         self.unwritten = 0
         self._last: tuple[int, NDArray[np.float64]] | None = None
 
@@ -204,8 +211,11 @@ class Wire:
         """Return the commands received since the last call; wait up to `wait` (s) for the first one."""
         if wait > 0.0:
             self._waiting.wait(round(wait * 1e9))
-        found = []
-        for one in self._reader.take(QUEUE_DEPTH):
+        taken, found = self._reader.take(QUEUE_DEPTH), []
+        if wait > 0.0 and not taken:
+            # publishers are listed by their handles; only a regular update shows which matched first
+            self._update_publishers()
+        for one in taken:
             # without data a writer has left
             if isinstance(one, RawMessage):
                 publisher = one.sample_info.publication_handle
