@@ -1,5 +1,6 @@
 """Commands that write new files: an experiment, its schema for editors, the column map of a robot's log."""
 
+import contextlib
 import os
 import shlex
 from collections.abc import Sequence
@@ -42,7 +43,7 @@ def init(
     """
     from twin.kernel.errors import InputRefused
     from twin.robot.assembly.declared import DECLARED_TABLES
-    from twin.robot.assembly.own_robot import robot_notes, start_on_robot, start_robot
+    from twin.robot.assembly.own_robot import experiment_on_robot, robot_notes, start_on_robot, start_robot
     from twin.robot.experiment.template import start_experiment
 
     if (lengths or masses or settings) and not (robot and lengths):
@@ -53,16 +54,24 @@ def init(
     if file and robot and lengths and (os.path.lexists(file) or file == robot):
         raise InputRefused(f"{file}: exists, and is never overwritten; choose another name")
     new = start_robot(robot, lengths, masses, settings) if robot and lengths else []
+    notes: list[str] = []
     if robot and new and file is None:
+        with contextlib.suppress(InputRefused):
+            # a new robot that cannot do the experiment
+            notes = robot_notes(experiment_on_robot(robot, start))
         press = shlex.join(["twin", "init", "press.toml", "--robot", str(robot)])
         following = [shlex.join(["twin", "robot", str(robot)]), press, "twin run press.toml"]
     else:
         file = file or Path("experiment.toml")
-        new += start_on_robot(file, start, robot) if robot else start_experiment(DECLARED_TABLES, file, start)
+        if robot:
+            added, experiment = start_on_robot(file, start, robot)
+            new, notes = new + added, robot_notes(experiment)
+        else:
+            new = start_experiment(DECLARED_TABLES, file, start)
         following = [shlex.join(["twin", "run", str(file)])]
     written = [str(path) for path in new]
-    notes = [f"note: {note}" for note in robot_notes(robot, start)] if robot else []
-    return Answer("\n".join([*written, *notes, *(f"next: {words}" for words in following)]), written)
+    lines = [*written, *(f"note: {note}" for note in notes), *(f"next: {words}" for words in following)]
+    return Answer("\n".join(lines), written)
 
 
 @study(json=False)

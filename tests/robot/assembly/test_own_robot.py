@@ -6,13 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.command_line import twin
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.declared import DECLARED_TABLES
-from twin.robot.assembly.load import load_experiment
+from twin.robot.assembly.load import checked_experiment, load_experiment
 from twin.robot.assembly.own_robot import experiment_on_robot, start_on_robot, start_robot
+from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.experiment_files import known_experiments
 from twin.robot.experiment.mistakes import toml_keys
-from twin.robot.experiment.source import is_robot, read_source
+from twin.robot.experiment.source import Source, is_robot, read_source
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.run.trace import run_in_memory
@@ -103,6 +105,57 @@ def test_the_file_has_every_key_of_the_robot_and_says_where_values_come_from(rob
         assert source.origins[key].startswith("computed: "), key
     for remark in ("home pose: p =", "range of the joint encoders", "range of the motor encoders", "p_mm = [["):
         assert f"# {remark}" in text
+
+
+def test_the_ranges_of_the_encoders_are_those_of_a_cylinder_full_of_poses(robot: Path):
+    experiment = experiment_on_robot(robot, "pressing")
+    plant, limits, text = experiment.plant, experiment.monitor, robot.read_text()
+    assert limits is not None
+    r, turn, z = np.meshgrid(
+        np.linspace(0.0, limits.workspace_radius, 35),
+        np.radians(np.arange(360.0)),
+        np.linspace(limits.z_min, limits.z_max, 27),
+    )
+    theta_l = joint_angles(geometry_of(plant), np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=-1))
+    bent = limits.deflection_limit
+    for name, counts, low, high in (
+        ("joint", plant.joint_counts_per_turn, theta_l.min(), theta_l.max()),
+        ("motor", plant.motor_counts_per_turn, plant.N * theta_l.min() - bent, plant.N * theta_l.max() + bent),
+    ):
+        found = re.search(
+            rf"{name} encoders within \[monitor\]: (\S+) to (\S+) deg, counts (\S+) to (\S+) of (\d+)", text
+        )
+        assert found is not None
+        # written to 0.1 deg
+        assert [float(found[1]), float(found[2])] == pytest.approx(np.degrees([low, high]), abs=0.1)
+        turn = 360.0 / counts
+        assert [int(found[3]) * turn, int(found[4]) * turn] == pytest.approx(
+            [float(found[1]), float(found[2])], abs=0.1
+        )
+        assert int(found[5]) == counts
+
+
+def test_an_experiment_on_a_robot_is_built_once(robot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    built: list[str] = []
+
+    def build(source: Source, name: str, *places: Path) -> Experiment:
+        built.append(name)
+        return checked_experiment(source, name, *places)
+
+    monkeypatch.setattr("twin.robot.assembly.own_robot.checked_experiment", build)
+    assert twin("init", "press.toml", "--robot", robot, cwd=tmp_path).returncode == 0
+    assert built == [robot.stem]
+
+
+@pytest.mark.parametrize("name", ["m_a", "m_b", "m_p"])
+def test_a_robots_file_without_a_mass_is_refused_by_name(tmp_path: Path, name: str):
+    path = tmp_path / "mine.toml"
+    start_robot(path, SIZES["other"], ["m_a=50", "m_b=30", "m_p=120"])
+    path.write_text(re.sub(rf"(?m)^{name}_g = .*$", f"{name}_g = 0", path.read_text()))
+    for words in (["init", "press.toml", "--robot", path], ["robot", path, "--no-rank"]):
+        done = twin(*words, cwd=tmp_path)
+        assert (done.returncode, done.stderr) == (2, f"{path}: [robot] {name}_g = 0: expected a mass > 0 g\n")
+    assert not (tmp_path / "press.toml").exists()
 
 
 def test_masses_and_other_values_are_the_robots_own(tmp_path: Path):

@@ -58,6 +58,8 @@ APPROACH_HEIGHT, FLOOR_DEPTH = 9.0, 29.0
 """Height of travel above the surface and depth of the deepest search for contact (mm), as in massage.toml."""
 SPACE = {"workspace_radius_mm": 40.0, "z_min_mm": -34.0, "z_max_mm": 26.0}
 """Defaults of [monitor] on the shipped robot (mm); heights above the surface."""
+RANGE_RINGS = 20
+"""Number of rings that fill the monitor's cylinder for the ranges of the encoders, exact to 0.05 deg."""
 MIN_FREQUENCY = 6.0
 """Natural frequency (Hz) below which tasks are doubtful: they trip the monitor below 5 Hz, and hold from 8.7 Hz on."""
 SWING_NOTE = (
@@ -68,11 +70,11 @@ SPACE_SHARES = tuple(round(1.0 - 0.05 * step, 2) for step in range(15))
 """Shares of that space that are tried, the largest first; with less there is no room for a massage."""
 
 
-def cylinder_poses(radius: float, bottom: float, top: float) -> NDArray[np.float64]:
-    """Return platform poses (n, 3) that fill a vertical cylinder about the axis, SI."""
-    angles = np.radians(np.arange(0.0, 360.0, 5.0))
+def cylinder_poses(radius: float, bottom: float, top: float, rings: int = 2) -> NDArray[np.float64]:
+    """Return platform poses (n, 3) that fill a vertical cylinder about the axis with concentric rings, SI."""
+    angles, radii = np.radians(np.arange(0.0, 360.0, 5.0)), radius * np.arange(1.0, rings + 1.0)[:, None] / rings
     x, y, z = np.broadcast_arrays(
-        radius * np.array([[0.5], [1.0]]) * np.cos(angles), radius * np.array([[0.5], [1.0]]) * np.sin(angles),
+        radii * np.cos(angles), radii * np.sin(angles),
         np.linspace(bottom, top, 13)[:, None, None],
     )  # fmt: skip
     return np.stack([x, y, z], axis=-1).reshape(-1, 3)
@@ -197,7 +199,8 @@ def _remarks(robot: Robot, home: float, monitor: Monitor, own: Source) -> Iterab
     """Yield the consequences of a robot's lengths that are no keys of its file."""
     yield "Computed from the lengths, for reading:"
     yield f"home pose: p = (0, 0, {home:.1f}) mm, proximal links {math.degrees(HOME_ANGLE):g} deg below the horizontal"
-    poses = cylinder_poses(monitor.workspace_radius, monitor.z_min, monitor.z_max)
+    # the smallest joint angle may be inside the cylinder
+    poses = cylinder_poses(monitor.workspace_radius, monitor.z_min, monitor.z_max, RANGE_RINGS)
     theta_l, bent = joint_angles(geometry_of(robot), poses), monitor.deflection_limit
     for name, counts, ends in (
         ("joint", robot.joint_counts_per_turn, (theta_l.min(), theta_l.max())),
@@ -229,7 +232,7 @@ def experiment_on_robot(robot: Path, start: str, overrides: Iterable[str] = (), 
     if drive is not None:
         source.select_file("drive", "fmu", locate_drive(drive, folder))
     apply_overrides(source, overrides)
-    return checked_experiment(source, robot.stem, robot, folder)
+    return _require_masses(checked_experiment(source, robot.stem, robot, folder), robot)
 
 
 def load_on_robot(path: Path, overrides: Iterable[str] = (), drive: str | None = None) -> Experiment:
@@ -237,21 +240,25 @@ def load_on_robot(path: Path, overrides: Iterable[str] = (), drive: str | None =
     file = experiment_file(path)
     if is_robot(read_source(file).values):
         return experiment_on_robot(file, FIG4_EXPERIMENT, overrides, drive)
-    return load_experiment(path, overrides, drive)
+    return _require_masses(load_experiment(path, overrides, drive), path)
 
 
-def robot_notes(robot: Path, start: str) -> list[str]:
-    """Return notes on the robot of a file that works at the height of the shipped experiment `start`."""
-    with contextlib.suppress(InputRefused):
-        # a new robot that cannot do the experiment
-        experiment = experiment_on_robot(robot, start)
-        return swing_notes(natural_frequency(experiment.plant, np.array([0.0, 0.0, experiment.contact.height])))
-    return []
+def _require_masses(experiment: Experiment, file: Path) -> Experiment:
+    """Return an experiment whose robot has mass in all parts; a plant alone may idealise them as massless."""
+    for name in GIVEN_VALUES["--masses-g"][0]:
+        if getattr(experiment.plant, name) == 0.0:
+            raise InputRefused(f"{file}: [robot] {name}_g = 0: expected a mass > 0 g")
+    return experiment
 
 
-def start_on_robot(file: Path, start: str, robot: Path) -> list[Path]:
-    """Write a shipped experiment on another robot like `start_experiment`, if the robot can do it."""
+def robot_notes(experiment: Experiment) -> list[str]:
+    """Return notes on the robot of an experiment at its working height."""
+    return swing_notes(natural_frequency(experiment.plant, np.array([0.0, 0.0, experiment.contact.height])))
+
+
+def start_on_robot(file: Path, start: str, robot: Path) -> tuple[list[Path], Experiment]:
+    """Write a shipped experiment on another robot like `start_experiment`, if the robot can do it; return both."""
     if not os.path.isfile(robot):
         raise InputRefused(f"{robot}: no such robot file; --lengths-mm a=80 b=35 l_a=100 l_b=180 writes one")
-    experiment_on_robot(robot, start)
-    return start_experiment(DECLARED_TABLES, file, start, robot)
+    experiment = experiment_on_robot(robot, start)
+    return start_experiment(DECLARED_TABLES, file, start, robot), experiment
