@@ -1,6 +1,7 @@
 """docs/own_robot.md is what a new user sees, in an empty folder and with a robot of another shape."""
 
 import json
+import re
 import shlex
 from pathlib import Path
 
@@ -25,19 +26,38 @@ def test_the_first_commands_press_5_newtons_in_an_empty_folder(root: Path, tmp_p
     commands = [command for command, _ in first.commands]
     assert [command.split()[1] for command in commands] == ["init", "init", "run", "run"]
     outputs = [typed(command, tmp_path) for command in commands]
-    assert "surface at z = -184.0 mm, height_mm of the experiment (computed: 4 mm" in " ".join(outputs[3].split())
+    assert "below 6 Hz" not in " ".join(outputs)
+    assert "surface at z = -130.0 mm, height_mm of the experiment (computed: 4 mm" in " ".join(outputs[3].split())
     runs = sorted((tmp_path / "results" / "press").glob("2*"))
     assert len(runs) == 2
     for folder in runs:
         recording = read(folder / "run.mcap")
         assert recording["controller.F_z_ref"].max() == 5.0
         assert abs(-recording["plant.F_ee_B"][-1, 2] - 5.0) < 0.25
+    assert "lateral error while held 3.03 mm" in " ".join(outputs[2].split())
+
+
+@pytest.mark.slow
+def test_the_robot_of_the_page_does_the_whole_massage(root: Path, tmp_path: Path):
+    typed(blocks(root, PAGE)[0].commands[0][0], tmp_path)
+    typed("twin init knead.toml --robot my_robot.toml --from massage", tmp_path)
+    # exit code 4 if the monitor trips
+    assert "task 4: " in typed("twin run knead.toml", tmp_path)
+
+
+def test_a_platform_wider_than_the_base_is_as_soft_as_the_page_states(root: Path, tmp_path: Path):
+    text = (root / PAGE).read_text()
+    (lengths, stiffness, frequency) = re.findall(r"long rods, make them soft: (.+) has (\d+) N/m and (\d+) Hz", text)[0]
+    assert "below 6 Hz" in typed(f"twin init --robot soft.toml --lengths-mm {lengths}", tmp_path)
+    typed("twin robot soft.toml --no-rank", tmp_path)
+    facts = json.loads((tmp_path / "results/robot/soft/robot.json").read_text())
+    assert round(facts["stiffness"][0]) == int(stiffness) and round(facts["natural_frequency"][0]) == int(frequency)
 
 
 @pytest.mark.slow
 def test_the_page_prints_what_twin_robot_prints(root: Path, tmp_path: Path):
     typed(blocks(root, PAGE)[0].commands[0][0], tmp_path)
-    text = typed("twin robot my_robot.toml --no-rank", tmp_path)
+    text = typed("twin robot my_robot.toml", tmp_path)
     (shown,) = (block.text for block in blocks(root, PAGE) if block.text.startswith("my_robot: "))
     assert text.startswith(shown)
     facts = json.loads((tmp_path / "results/robot/my_robot/robot.json").read_text())

@@ -189,6 +189,12 @@ class ServedRobot(Observer):
         """Facts about the exchange: mode, counts of both sides."""
         return {**self.metadata, **self._remote.counts, **self._wire.summary}
 
+    def ready(self, tick: int) -> None:
+        # the recorder comes after this observer, and has all rows before `tick` only now
+        if tick - self._flushed >= round(self._flush_interval / self._tick):
+            self._flushed = tick
+            self._recorder.call(lambda writer: writer.flush())
+
     def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         # in lockstep the wire reports before it answers, so that events of this slice have arrived
         self._wire.poll()
@@ -199,9 +205,6 @@ class ServedRobot(Observer):
         events.sort(key=lambda event: event.tick)
         if commands := self._wire.mailbox.commands.pop_all():
             self._record(commands, last)
-        if self._simulation.next_tick - self._flushed >= round(self._flush_interval / self._tick):
-            self._flushed = self._simulation.next_tick
-            self._recorder.call(lambda writer: writer.flush())
 
     def _record(self, commands: Sequence[MailboxEntry], last: int) -> None:
         ticks = []
