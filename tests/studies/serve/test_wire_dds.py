@@ -288,7 +288,12 @@ def test_joints_and_commands_may_have_other_names_and_drives_no_torque(started: 
     until(lambda: node._ends["/joint_states"].get_matched_publications())
     robot.put(0, MOVED)
     found: list[Any] = []
-    until(lambda: found.extend(joints()) or found)
+
+    def is_there() -> bool:
+        found.extend(joints())
+        return bool(found)
+
+    until(is_there)
     assert found[0].name == names and len(found[0].effort) == 0 and len(found[0].velocity) == 6
     write(messages.joint_state(1, MOTORS, velocity=(9, 9, 9)))
     write(messages.joint_state(2, names[:3], velocity=(4, 5, 6)))
