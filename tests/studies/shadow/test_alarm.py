@@ -78,7 +78,7 @@ def test_a_residual_beyond_it_is_confirmed_then_an_alarm_with_evidence():
     (alarm,) = watch.alarms
     assert (alarm.channel, alarm.since, alarm.size) == ("force", float(FIRST_BLOCKS), -3.0)
     assert alarm.level > 1.0
-    assert str(alarm).startswith("robot and twin have parted: force is off by -3 N since 2.0 s")
+    assert str(alarm).startswith("robot and twin diverge: force is off by -3 N since 2.0 s")
 
 
 def test_what_is_normal_is_what_the_first_blocks_were():
@@ -111,6 +111,16 @@ def test_after_an_alarm_it_gathers_asks_and_cools_down():
     # the block in which it began to grow is of both
     assert asked == [(3.0, 6.0)]
     assert "0.93 +- 0.02" in str(watch.changes[2])
+
+
+def test_a_second_silence_before_the_next_block_does_not_become_the_state():
+    watch = ShadowWatch(ONES, 1.0, gathering=3)
+    taken(watch, *[off(20.0)])
+    assert watch.state is WatchState.GATHERING
+    for t in (4.0, 9.0):
+        watch.lose(t, "no sample for 2 s")
+    states = [watch.add_block(20.0 + k, off(20.0)) for k in range(2)]
+    assert [[str(one.state) for one in changes] for changes in states] == [["gathering"], []]
 
 
 def test_without_anything_that_re_identifies_it_says_so():

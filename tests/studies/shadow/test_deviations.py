@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.studies.identify.calibrations import identification
 from tests.studies.shadow.robots import EXPERIMENTS, STATE, shipped_fleet, true_state
 from twin.kernel.cosim.delay import values_by_port
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import run_in_memory
+from twin.studies.identify.text import model_fragment
 from twin.studies.replay.model import model_of
 from twin.studies.replay.samples import samples_of
-from twin.studies.shadow.deviations import HealthyDeviation
+from twin.studies.shadow.deviations import DEAD_ZONE_KEY, SPRING_KEY, HealthyDeviation, is_identified
 from twin.studies.shadow.filter_steps import filter_outputs, shadow_of
 from twin.studies.shadow.fleet import ZERO_RANGE
 from twin.studies.shadow.following import twin_of
@@ -48,6 +50,21 @@ def test_at_the_corners_of_the_fleet_at_most_a_tenth_of_the_samples_lies_outside
     assert np.all(printed <= 0.1)
     # the filter's own are those of a robot that is as believed
     assert own[[0, 2, 4]].min() > 0.3
+
+
+@pytest.mark.slow
+def test_the_tables_that_twin_identify_writes_make_a_robot_identified_once_plant_is_uncommented(tmp_path: Path):
+    fragment = model_fragment(identification(), "run.mcap")
+    belief, _, plant = fragment.partition("# for the twin of a real robot")
+    assert "[controller.model]" in belief and "[plant]" not in belief
+    commented = [line.removeprefix("# ") for line in plant.splitlines()[1:]]
+    for name, text in (("belief", fragment), ("plant", "\n".join([belief, *commented]))):
+        (tmp_path / f"{name}.toml").write_text(f'extends = "{EXPERIMENTS / "calibration.toml"}"\n{text}\n')
+        experiment = load_experiment(tmp_path / f"{name}.toml")
+        found = [is_identified(experiment, key) for key in (SPRING_KEY, DEAD_ZONE_KEY)]
+        assert found == [name == "plant"] * 2
+    assert experiment.plant.k_s == experiment.controller.model.k_s == pytest.approx(1.07, rel=2e-3)
+    assert experiment.plant.backlash == experiment.controller.dead_zone
 
 
 def test_what_was_identified_widens_no_force(tmp_path: Path):

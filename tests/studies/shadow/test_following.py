@@ -113,7 +113,7 @@ def test_the_text_of_an_alarm_begins_with_its_caution():
     twin = twin_of(EXPERIMENT, MODEL, "robot", AlarmWatch(limits, 1.0, caution=NOT_IDENTIFIED))
     twin.feed(said(ran(FIG4, jump)))
     texts = [one.text for one in twin.happenings()]
-    assert any(text.startswith(f"{NOT_IDENTIFIED}; robot and twin have parted") for text in texts), texts
+    assert any(text.startswith(f"{NOT_IDENTIFIED}; robot and twin diverge") for text in texts), texts
 
 
 def joint_residual(model: RobotModel, samples: RobotSamples, alive: bool = True) -> float:

@@ -16,16 +16,21 @@ from tests.kernel.recording.logs.bags import joints as joint_message
 from tests.studies.replay.logs import FIG4, ran
 from tests.studies.shadow.test_following import EXPERIMENT, MODEL, N, said
 from tests.studies.shadow.test_study import MAP, ROBOT, bag
+from twin.kernel.errors import ComponentFailed, RecordingWriteError, TwinError
 from twin.kernel.process.process import environment
 from twin.kernel.recording import writer
 from twin.kernel.recording.logs.column_map import column_map
+from twin.kernel.recording.logs.log import LogError
+from twin.kernel.recording.logs.reader import recording_log
 from twin.kernel.recording.reader import read
 from twin.kernel.recording.sources.arrival import Arrival
 from twin.kernel.recording.sources.signals import Reading
+from twin.studies.replay.samples import robot_samples
 from twin.studies.shadow import session as session_module
 from twin.studies.shadow.alarm import CHANNELS, Tolerances, WatchState
-from twin.studies.shadow.following import AlarmWatch, twin_of
+from twin.studies.shadow.following import AlarmWatch, OwnController, twin_of
 from twin.studies.shadow.mapping import wanted_signals
+from twin.studies.shadow.recording import ShadowRecording
 from twin.studies.shadow.session import Session
 from twin.studies.shadow.study import shadow
 from twin.studies.shadow.text import shadow_result
@@ -97,10 +102,24 @@ def followed(arrivals: list[Arrival], folder: Path, watched: AlarmWatch | None =
     return session.follow(lambda: folder / "run.mcap")
 
 
+def whole_run(*settings: str, period: float = 2e-3, after: int = 10**6) -> list[Arrival]:
+    """Messages of Fig. 4 in all its 20 s; from sample `after` on one is sent every `period` (s)."""
+    log = recording_log(ran(FIG4, *settings))
+    rows, t, found = robot_samples(log, MODEL.belief).counts, 0.0, []
+    while round(t / 2e-3) < len(rows):
+        stamp = START + round(t * NS)
+        reading = Reading(stamp, JOINTS, tuple(rows[round(t / 2e-3)].tolist()))
+        found.append(Arrival("/joint_states", stamp, reading))
+        t += 2e-3 if len(found) < after else period
+    return found
+
+
 def events(folder: Path) -> list[str]:
     return [event.text for event in read(folder / "run.mcap").events]
 
 
+JUMP = "fault=[{kind='encoder_bias', target='joint_encoder_1', onset_s=3.0, magnitude_deg=0.3}]"
+NARROW = {500.0: Tolerances(dict.fromkeys(CHANNELS, 1e9) | {"spread": 0.3}, dict.fromkeys(CHANNELS, 0.01))}
 WIDE = {500.0: Tolerances(dict.fromkeys(CHANNELS, 1e9), dict.fromkeys(CHANNELS, 1.0))}
 
 
@@ -135,6 +154,46 @@ def test_after_a_silence_the_watch_goes_on(tmp_path: Path):
     assert [one.state for one in watched.changes][:1] == [WatchState.NOT_WATCHED]
 
 
+@pytest.mark.parametrize(("settings", "code"), [((JUMP,), 1), ((), 0)])
+def test_a_rate_without_tolerances_neither_takes_an_alarm_back_nor_the_time_that_was_watched(
+    tmp_path: Path, settings: tuple[str, ...], code: int
+):
+    watched = AlarmWatch(NARROW, 1.0)
+    told = followed([*whole_run(*settings, period=6e-3, after=4000), *commands(3000)], tmp_path, watched)
+    assert any(text.startswith("no alarm: the robot is sampled at 166.7 Hz") for text in events(tmp_path))
+    result = shadow_result(told, FIG4, {})
+    assert result.exit_code == code and bool(result.facts["alarms"]) == bool(code)
+    expected = (
+        r"diverge since \d" if code else r"match until \d.* s, then not watched: the robot is sampled at 166.7 Hz"
+    )
+    assert re.match(f"robot and twin {expected}", verdict_of(told).text)
+    # no level is shown of what is not watched
+    assert 8.0 < read(tmp_path / "run.mcap").time("alarm")[-1] < 10.0
+
+
+def test_a_silence_in_the_middle_is_in_the_verdict(tmp_path: Path):
+    run = whole_run()
+    told = followed([*run[:3000], *run[5000:], *commands(9000)], tmp_path, AlarmWatch(WIDE, 1.0))
+    assert verdict_of(told).text == "robot and twin match (not watched for up to 6 s)"
+
+
+def test_the_line_shows_a_silence_and_what_is_missing(tmp_path: Path):
+    arrivals, lines = [*joints(lacking=1, after=1800), *commands()], []
+
+    class Followed(Session):
+        def _note_silence(self, sampled: bool) -> None:
+            super()._note_silence(sampled)
+            lines.append(self.line())
+
+    twin, columns = twin_of(EXPERIMENT, MODEL, "robot"), column_map([*MAP, *COMMANDED])
+    wanted = wanted_signals(MODEL.belief)
+    session = Followed(Topics(arrivals), columns, wanted, twin, MODEL, 0.03, np.inf, False, lambda text: None)
+    session.wait_for_topics()
+    session.follow(lambda: tmp_path / "run.mcap")
+    assert lines[-1] == "3.6 s  no sample for 3 s: no message has /joint_states.position.m2"
+    assert "500 Hz" in lines[10] and "no sample" not in lines[10]
+
+
 def test_the_summary_says_what_was_watched_and_what_was_not(tmp_path: Path):
     told = followed(joints(), tmp_path)
     assert told.measured_signals == ["motor angles", "joint angles"]
@@ -158,7 +217,7 @@ def test_gross_disagreement_parts_robot_and_twin_without_tolerances(tmp_path: Pa
                      for one in arrivals]  # fmt: skip
     told = followed(arrivals, tmp_path)
     verdict = verdict_of(told)
-    assert verdict.kind == "part" and any(text.startswith("robot and twin part: ") for text in events(tmp_path))
+    assert verdict.kind == "diverge" and any(text.startswith("robot and twin diverge: ") for text in events(tmp_path))
     assert shadow_result(told, FIG4, {}).exit_code == 1
 
 
@@ -180,11 +239,47 @@ def test_a_clock_that_is_set_and_a_rate_that_changes_are_events(tmp_path: Path):
     assert "the rate has changed from 500 to 250 Hz" in events(tmp_path)
 
 
+@pytest.mark.parametrize(("period", "is_event"), [(2.25e-3, True), (2.15e-3, False)])
+def test_a_rate_that_changes_by_a_tenth_is_an_event(tmp_path: Path, period: float, is_event: bool):
+    followed(whole_run(period=period, after=2000), tmp_path)
+    changed = [text for text in events(tmp_path) if text.startswith("the rate has changed")]
+    assert changed == (["the rate has changed from 500 to 444.4 Hz"] if is_event else [])
+
+
 def test_a_truncated_bag_is_reported(tmp_path: Path):
     path = bag(tmp_path / "bag", ran(FIG4), slice(1000))
     (path / "metadata.yaml").unlink()
     report = shadow(ROBOT, str(path), MAP, speed=0.0, out=tmp_path / "out")
     assert "no metadata.yaml: the recorder was stopped before it wrote one" in " ".join(report.text.split())
+
+
+@pytest.mark.parametrize("plugin", ["SQLITE3", "MCAP"])
+def test_a_bag_whose_data_file_is_cut_off_is_refused_or_reported(tmp_path: Path, plugin: str):
+    path = bag(tmp_path / "bag", ran(FIG4), slice(1000), plugin=plugin)
+    (file,) = (one for one in path.iterdir() if one.name != "metadata.yaml")
+    file.write_bytes(file.read_bytes()[: file.stat().st_size * 6 // 10])
+    if plugin == "SQLITE3":
+        with pytest.raises(LogError, match="damaged, it is cut off; recover what is readable first"):
+            shadow(ROBOT, str(path), MAP, speed=0.0, out=tmp_path / "out")
+        return
+    report = shadow(ROBOT, str(path), MAP, speed=0.0, out=tmp_path / "out")
+    assert 100 < report.facts["counts"]["samples"] < 1000
+    assert "cut off" in " ".join(report.text.split())
+
+
+@pytest.mark.parametrize("problem", [ComponentFailed("it failed"), RecordingWriteError("the disk is full")])
+def test_a_session_whose_component_or_recording_fails_ends_with_3_and_keeps_what_it_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, problem: TwinError
+):
+    def fail(*arguments: object) -> None:
+        raise problem
+
+    target = OwnController if isinstance(problem, ComponentFailed) else ShadowRecording
+    monkeypatch.setattr(target, "feed" if target is OwnController else "flush", fail)
+    monkeypatch.setattr(session_module, "FLUSH_PERIOD", 0.0)
+    with pytest.raises(type(problem)) as failed:
+        shadow(ROBOT, str(ran(FIG4).path), speed=0.0, no_alarm=True, out=tmp_path / "out")
+    assert failed.value.exit_code == 3
 
 
 @pytest.mark.slow
@@ -266,8 +361,14 @@ def test_after_ten_seconds_without_a_topic_domain_interfaces_and_causes_are_prin
     assert "another ROS_DOMAIN_ID on the robot" in hint and "multicast" in hint
 
 
-def test_messages_of_another_type_are_counted_and_printed_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+@pytest.mark.parametrize("is_terminal", [False, True])
+def test_messages_of_another_type_are_counted_and_printed_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, is_terminal: bool
+):
     from rosbags.rosbag2 import Writer
+
+    # the line of a terminal does not show them
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: is_terminal)
 
     kind, run = "sensor_msgs/msg/JointState", ran(FIG4)
     angles = np.hstack([run["estimator.theta_m"], run["estimator.theta_l"]])[:1000].tolist()

@@ -34,7 +34,12 @@ def angles_of(run: Recording) -> NDArray[np.float64]:
 
 
 def bag(
-    path: Path, run: Recording, keep: slice = slice(None), angles: NDArray[np.float64] | None = None, lag: float = 0.0
+    path: Path,
+    run: Recording,
+    keep: slice = slice(None),
+    angles: NDArray[np.float64] | None = None,
+    lag: float = 0.0,
+    plugin: str = "SQLITE3",
 ) -> Path:
     """A bag of the robot of `run`, with stamps of its own clock, in which joints come in another order.
 
@@ -44,14 +49,15 @@ def bag(
         keep: rows.
         angles: of joints and motors (n, 6), rad, in place of those of `run`.
         lag: by which the recorder falls behind more and more (s/s).
+        plugin: storage of the bag.
     """
-    from rosbags.rosbag2 import Writer
+    from rosbags.rosbag2 import StoragePlugin, Writer
 
     from tests.kernel.recording.logs.bags import STORE, joints
 
     kind = "sensor_msgs/msg/JointState"
     angles = angles_of(run)[keep] if angles is None else angles
-    with Writer(path, version=9) as writer:
+    with Writer(path, version=9, storage_plugin=StoragePlugin[plugin]) as writer:
         topic = writer.add_connection("/joint_states", kind, typestore=STORE)
         for t, row in zip(run.time("estimator")[keep].tolist(), angles.tolist(), strict=True):
             names = ["l1", "l2", "l3", "m1", "m2", "m3"]
@@ -163,13 +169,33 @@ def test_without_an_alarm_there_is_nothing_to_accept(tmp_path: Path):
 def test_a_session_ends_with_its_verdict_and_exit_code(tmp_path: Path):
     healthy, dead = (ran(FIG4, *settings).path for settings in ((), (DEAD,)))
     for log, options, kind, code in (
-        (healthy, {}, "match", 0), (dead, {}, "part", 1), (healthy, {"duration_s": 1.2}, "not watched", 0),
+        (healthy, {}, "match", 0), (dead, {}, "diverge", 1), (healthy, {"duration_s": 1.2}, "not watched", 0),
         (healthy, {"no_alarm": True}, "not watched", 0),
     ):  # fmt: skip
         report = shadow(ROBOT, str(log), speed=0.0, out=tmp_path / f"{kind}{len(options)}{code}{len(str(options))}",
                         **options)  # fmt: skip
         assert (report.facts["verdict"], report.exit_code) == (kind, code), report.text
         assert "  verdict    " in report.text
+        assert ("fewer than 3.5 s of samples" in report.text) == ("duration_s" in options)
+
+
+@pytest.mark.parametrize(("duration", "kind"), [(3.4, "not watched"), (3.6, "match")])
+def test_the_shortest_log_that_is_watched_is_as_long_as_the_refusal_says(tmp_path: Path, duration: float, kind: str):
+    log = write_log(tmp_path / "log.csv", ran(FIG4), keep=ran(FIG4).time("encoder") < duration, angles=True)
+    report = shadow(ROBOT, str(log), ANGLES, speed=0.0, out=tmp_path / "out")
+    assert report.facts["verdict"] == kind, report.text
+
+
+def test_the_caution_of_a_robot_that_was_not_identified_names_the_keys_that_are_missing(tmp_path: Path):
+    log = write_log(tmp_path / "log.csv", ran(FIG4), keep=np.arange(10001) < 500, angles=True)
+    known = {"k_s_Nm_per_rad": 1.0, "backlash_deg": 0.1}
+    for number in (1, 2):
+        robot = tmp_path / f"identified{number}.toml"
+        lines = [f'{key} = {{ value = {value}, source = "identified from a.csv" }}' for key, value in known.items()]
+        robot.write_text("\n".join([f'extends = "{ROBOT}"', "[plant]", *lines[:number]]))
+        report = shadow(robot, str(log), ANGLES, speed=0.0, no_alarm=True, out=tmp_path / f"out{number}")
+        text = " ".join(report.text.split())
+        assert ("until [plant] has an identified k_s_Nm_per_rad and backlash_deg" in text) == (number == 1)
 
 
 def test_a_rate_without_tolerances_is_not_watched_and_says_why(tmp_path: Path):
@@ -290,5 +316,5 @@ def map_to_write(log: str, maps: list[str], out: Path) -> str:
         report = shadow(ROBOT, log, maps, speed=0.0, no_alarm=True, out=out)
     except InputRefused as refused:
         return str(refused)
-    assert (report.facts["verdict"], report.exit_code) == ("part", 1)
+    assert (report.facts["verdict"], report.exit_code) == ("diverge", 1)
     return str(report.facts["verdict_text"])

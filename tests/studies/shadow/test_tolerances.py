@@ -7,6 +7,7 @@ import pytest
 
 from tests.studies.shadow.robots import EXPERIMENTS, shipped_fleet
 from twin.robot.assembly.load import load_experiment
+from twin.studies.shadow import tolerances
 from twin.studies.shadow.alarm import CHANNELS, RateTolerances, Tolerances, tolerances_at
 from twin.studies.shadow.fleet import fleet_limits
 from twin.studies.shadow.tolerances import (
@@ -58,6 +59,26 @@ def test_shipped_tolerances_are_computed_the_same_again(name: str):
     (again,), stored = fleet_limits(shipped_fleet(EXPERIMENTS / f"{name}.toml")), shipped(name)[500.0]
     for kind, values in dataclasses.asdict(again).items():
         assert values == pytest.approx(getattr(stored, kind), rel=1e-6, nan_ok=True)
+
+
+def test_tolerances_of_another_experiment_are_computed_once_and_cached_with_progress(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(tolerances, "finds_faults", lambda fleet, limits, every: every < 5)
+    fleet = shipped_fleet(EXPERIMENTS / "tapping.toml", ("plant.k_s_Nm_per_rad=1.01",))
+    fleet, said = dataclasses.replace(fleet, robots=fleet.robots[:1], corners=fleet.corners[:1]), []
+
+    def progress(what: str, share: float | None = None) -> None:
+        said.append((what, share))
+
+    computed, origin = tolerances_of(fleet, progress)
+    assert origin == "computed" and list(computed) == [500.0, 250.0]
+    assert said == [(f"tolerances of the alarm: healthy robot {k} of 2", share) for k, share in ((1, 0.0), (2, 0.5))]
+    again, origin = tolerances_of(fleet, progress)
+    assert origin == "cached" and len(said) == 2
+    for rate, one in again.items():
+        assert one.tolerance == pytest.approx(computed[rate].tolerance, nan_ok=True)
 
 
 def test_another_experiment_or_fleet_has_another_digest():

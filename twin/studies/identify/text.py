@@ -197,7 +197,10 @@ def identification_facts(one: Identification, log: str, true: Mapping[str, float
 
 
 def model_fragment(one: Identification, log: str) -> str:
-    """Create the TOML tables [controller] and [controller.model] with the determined values only; `log`: file name."""
+    """Create the TOML tables [controller] and [controller.model] with the determined values only; `log`: file name.
+
+    [plant] follows as a comment: a simulated robot keeps its own springs.
+    """
     belief, q = one.model.belief, one.quantities
     k = one.estimate("k_s_eta")
     d = decimals(k)
@@ -218,14 +221,18 @@ def model_fragment(one: Identification, log: str) -> str:
     if all(joints):
         model["joint_zero_deg"] = _zeros(zero, f"identified from {log}: +- {_width(joints)}")
     controller: dict[str, Any] = {"model": model}
+    plant = {key: model[key] for key in ("k_s_Nm_per_rad", "eta") if key in model}
     backlash = q["backlash"].found
     if backlash is not None and backlash.value >= 0.0:
         digits = decimals(backlash)
         source = f"identified from {log}: +- {display_value(backlash.half_width, 'rad'):.{digits}f} deg"
         value = round(display_value(backlash.value, "rad"), digits)
         controller = {"dead_zone_deg": inline_table({"value": value, "source": source})} | controller
+        plant["backlash_deg"] = controller["dead_zone_deg"]
     head = f"# identified from {escape_controls(log)}; lay it over an experiment, or paste it there\n"
-    return head + tomlkit.dumps({"controller": controller})
+    robot = "for the twin of a real robot (`twin shadow`, `twin replay --plant`), also:\n"
+    robot += tomlkit.dumps({"plant": plant})
+    return head + tomlkit.dumps({"controller": controller}) + "\n" + "".join(f"# {x}\n" for x in robot.splitlines())
 
 
 def _zeros(angles: np.ndarray, source: str) -> Any:

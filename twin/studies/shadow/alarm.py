@@ -140,7 +140,7 @@ class WatchEvent:
         if not self.channel:
             return f"{self.state}{f': {self.found}' if self.found else ''}"
         unit = "" if CHANNELS[self.channel][2] == "1" else f" {CHANNELS[self.channel][2]}"
-        what = "robot and twin have parted" if self.alarm else f"{self.state}"
+        what = "robot and twin diverge" if self.alarm else f"{self.state}"
         off = f"{self.channel} is off by {self.size:+.3g}{unit} since {self.since:.1f} s"
         return f"{what}: {off} ({self.level:.2f} of the threshold)"
 
@@ -241,6 +241,9 @@ class ShadowWatch:
         cooling: number of blocks after that without a watch.
         reidentifier: called once after each alarm.
         share: factor of threshold and tolerance; below 1 the rate of false alarms is not kept (for tests).
+
+    Attributes:
+        judged: number of blocks compared with the reference.
     """
 
     def __init__(
@@ -253,7 +256,7 @@ class ShadowWatch:
         share: float = 1.0,
     ):
         self.state, self.changes = WatchState.LISTENING, list[WatchEvent]()
-        self.levels = dict.fromkeys(CHANNELS, 0.0)
+        self.levels, self.judged = dict.fromkeys(CHANNELS, 0.0), 0
         self._limits, self._share = limits, share
         self._H = share * threshold(per_hour)
         self._gathering, self._cooling = gathering, cooling
@@ -298,13 +301,14 @@ class ShadowWatch:
 
     def lose(self, t: float, why: str) -> None:
         """Suspend the watch at `t` (s) until the next block."""
-        self._interrupted = self.state
+        if self.state is not WatchState.NOT_WATCHED:
+            self._interrupted = self.state
         self._change_state(WatchEvent(t, WatchState.NOT_WATCHED, found=why))
 
     def restart(self, t: float) -> None:
         """Restart the watch with a new reference after cooling down, because the twin has changed at `t` (s)."""
         self._learns = True
-        self._cool(WatchEvent(t, WatchState.COOLING_DOWN, found="it restarts after that"))
+        self._cool(WatchEvent(t, WatchState.COOLING_DOWN, found="a new reference is learnt"))
 
     def _wait(self, t: float) -> None:
         self._left -= 1
@@ -334,6 +338,7 @@ class ShadowWatch:
         self.levels = dict.fromkeys(CHANNELS, 0.0)
 
     def _look(self, t: float, means: NDArray[np.float64]) -> None:
+        self.judged += 1
         with np.errstate(invalid="ignore"):
             shift = means - np.mean(self._normal, axis=0)
         for k, name in enumerate(CHANNELS):

@@ -30,7 +30,9 @@ from twin.studies.replay.plausible import MapCheck
 from twin.studies.replay.sample_columns import OMEGA_REF as COMMANDS
 from twin.studies.replay.samples import RobotSamples
 from twin.studies.shadow.alarm import (
+    BLOCK_LENGTH,
     FIRST_BLOCKS,
+    SETTLING_TIME,
     Blocks,
     RateTolerances,
     ShadowWatch,
@@ -49,6 +51,8 @@ ALARM_LEVEL = Port("level", 1, "1", "largest sum of residuals by its threshold; 
 COMMAND_RESIDUAL = (Port("omega_ref", 3, "rad/s", "motor speeds that the twin's controller commands less the robot's"),)
 
 DEVIATION_COLUMNS = port_slices(OUTPUTS)["deviation"]
+MIN_WATCH_TIME = SETTLING_TIME + (FIRST_BLOCKS + 1) * BLOCK_LENGTH
+"""Time from the first sample to the first block compared with the reference (s)."""
 RARE_TOPICS = ("ahead", "what_if", "scale")
 
 
@@ -200,7 +204,7 @@ class AlarmWatch:
         caution: begins the text of each alarm.
 
     Attributes:
-        why_not: reason why nothing is watched; "" if the alarm is active.
+        why_not: reason why nothing has been watched yet; "" once a block was compared with the reference.
     """
 
     def __init__(
@@ -210,7 +214,7 @@ class AlarmWatch:
         self._caution = f"{caution}; " if caution else ""
         self._watch: ShadowWatch | None = None
         self._first, self._count = list[NDArray[np.float64]](), 0
-        self.why_not = "fewer than 3 s of samples"
+        self.why_not = f"fewer than {MIN_WATCH_TIME:g} s of samples"
         threshold(per_hour)
         self.reidentifier, self._t = reidentifier, 0.0
         self.topics: dict[str, tuple[Port, ...]] = {"alarm": (ALARM_LEVEL,)}
@@ -234,10 +238,11 @@ class AlarmWatch:
         self._is_known = limits is not None
         if limits is None:
             known = ", ".join(f"{one:.4g}" for one in self._limits) or "no"
-            self.why_not = f"the robot is sampled at {rate:.4g} Hz; there are tolerances for {known} Hz"
-            self.why_not += "; at another rate a spring 20 % softer or a dead drive may not be found"
-            self.happenings.append(Happening(t, f"no alarm: {self.why_not}"))
-            self.lose(t, self.why_not)
+            why = f"the robot is sampled at {rate:.4g} Hz; there are tolerances for {known} Hz"
+            why += "; for a controller of another rate set controller.period_ms"
+            self.why_not = "" if self._watch and self._watch.judged else why
+            self.happenings.append(Happening(t, f"no alarm: {why}"))
+            self.lose(t, why)
         elif self._watch is None:
             self._watch = ShadowWatch(limits, self._per_hour, reidentifier=self.reidentifier)
         else:
@@ -260,17 +265,18 @@ class AlarmWatch:
             self._count += 1
             if self._watch is None or not self._is_known:
                 continue
-            self.why_not = "" if self._count > FIRST_BLOCKS else self.why_not
             for change in self._watch.add_block(end, means):
                 self.happenings.append(Happening(end, f"{self._caution if change.alarm else ''}{change}"))
                 self.alarms += [change] if change.alarm else []
             self._level = max(self._watch.levels.values())
+            self.why_not = "" if self._watch.judged else self.why_not
         levels[begin:] = self._level
         return {"alarm": levels}
 
     def lose(self, t: float, why: str) -> None:
         """Suspend the alarm at `t` (s) until samples arrive again."""
         if self._watch:
+            self._level = math.nan
             self._watch.lose(t, why)
 
     @property

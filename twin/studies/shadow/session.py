@@ -72,7 +72,7 @@ class Session:
         lateness: budget for late messages (s).
         duration: maximum length (s) by the robot's stamps; infinite for no limit.
         live: whether the source is live, so that silence is an event.
-        announce: receives messages for terminals without a status line.
+        announce: receives messages that must outlast the status line.
     """
 
     def __init__(
@@ -270,8 +270,8 @@ class Session:
             self._gross = found.text
             self._record_event("gross", found.text, float(t[-1]))
             self._announce(f"{self._source.name}: {found.text}")
-        if "alarm" in rows and np.any(there := np.isfinite(rows["alarm"])):
-            self._level = float(rows["alarm"][there][-1])
+        if "alarm" in rows:
+            self._level = float(rows["alarm"][-1, 0])
 
     def _note_happenings(self) -> None:
         for one in self._twin.happenings():

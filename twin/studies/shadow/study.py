@@ -56,14 +56,10 @@ def _limits(
         return None, f"its healthy robots give no tolerances: {problem}"
 
 
-def _announce(text: str) -> None:
-    """Print a message of the session to standard error, unless a terminal shows the status line."""
-    if not sys.stderr.isatty():
-        _print(text)
-
-
 def _print(text: str) -> None:
-    print(("\r" if sys.stderr.isatty() else "") + terminal_text(text), file=sys.stderr, flush=True)
+    """Print a message to standard error, over the status line of a terminal."""
+    shown = terminal_text(text)
+    print(f"\r{shown:79}" if sys.stderr.isatty() else shown, file=sys.stderr, flush=True)
 
 
 @study(reported=True, before=[_find_source, find_experiments, print_latest])
@@ -115,11 +111,12 @@ def shadow(
     DDS and zenoh: ROS_DOMAIN_ID.
 
     The alarm's tolerances are shipped for the experiments of Fig. 4 and the
-    tasks. With another drive, body or setting they are computed once, in one
-    to three minutes, and cached.
+    tasks. With another drive, body or setting they are computed once, in some
+    minutes, and cached.
 
     Exit code: 0 robot and twin match, or nothing was watched; 1 they diverge;
-    2 input refused.
+    2 input refused; 3 a component failed, or a file could not be written;
+    70 internal error.
 
     Example: twin shadow fig4_force_position --source results/fig4_force_position --speed 0
     """
@@ -134,7 +131,7 @@ def shadow(
     from twin.robot.live.runs import live_server
     from twin.studies.replay.model import model_of
     from twin.studies.shadow.ahead import changed_experiments, session_branches
-    from twin.studies.shadow.deviations import NOT_IDENTIFIED, SPRING_KEY, is_identified
+    from twin.studies.shadow.deviations import DEAD_ZONE_KEY, NOT_IDENTIFIED, SPRING_KEY, is_identified
     from twin.studies.shadow.following import AlarmWatch, twin_of
     from twin.studies.shadow.live_view import ShadowViewer
     from twin.studies.shadow.mapping import wanted_signals
@@ -162,7 +159,8 @@ def shadow(
         )
         stack.callback(robot.close)
         watched, why = None, "--no-alarm"
-        caution = "" if is_identified(loaded, SPRING_KEY) else NOT_IDENTIFIED
+        identified = all(is_identified(loaded, key) for key in (SPRING_KEY, DEAD_ZONE_KEY))
+        caution = "" if identified else NOT_IDENTIFIED
         if not no_alarm:
             limits, why = _limits(fleet, experiment, settings, say)
         if not why:
@@ -176,10 +174,13 @@ def shadow(
         duration = math.inf if duration_s is None else duration_s
         messages = columns if robot.has_messages else {}
         session = Session(
-            robot, messages, wanted, twin, model, 1e-3 * lateness_ms, duration, of_now, say, _announce, viewer
+            robot, messages, wanted, twin, model, 1e-3 * lateness_ms, duration, of_now, say, _print, viewer
         )
         if caution and (watched or ahead):
-            notes.append(f"{caution}; the alarm finds springs 20 % softer, and no share is promised of the band")
+            notes.append(
+                f"{caution}; until [plant] has an identified {SPRING_KEY[6:]} and {DEAD_ZONE_KEY[6:]}, "
+                "the alarm's tolerances are wide, and no share is promised of the band"
+            )
         session.followed.notes += notes
         session.followed.no_alarm, session.followed.caution = why, caution
         session.followed.ahead = ahead.score if ahead else None

@@ -90,7 +90,7 @@ def shadow_result(followed: SessionSummary, name: str, files: Mapping[str, Path]
     head = f"{name}: followed {followed.source} for {followed.seconds:.2f} s"
     paths = {kind: str(path) for kind, path in files.items()}
     facts = shadow_facts(followed, name) | paths
-    return Result(head, body, facts, paths, exit_code=1 if verdict.kind == "part" else 0)
+    return Result(head, body, facts, paths, exit_code=1 if verdict.kind == "diverge" else 0)
 
 
 def _row(key: str, one: RunningStatistics) -> list[str | float]:
@@ -201,7 +201,7 @@ def shadow_facts(followed: SessionSummary, name: str) -> dict[str, object]:
             "alarms": followed.alarms,
             "verdict": verdict.kind,
             "verdict_text": verdict.text,
-            "parted_s": verdict.since,
+            "diverged_s": verdict.since,
             "measured": followed.measured_signals,
             "alarm_states": None if followed.changes is None else [_change(one) for one in followed.changes],
             "ahead": followed.ahead,
