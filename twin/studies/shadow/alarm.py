@@ -275,6 +275,9 @@ class ShadowWatch:
         """Update the alarm's sums with a block that ended at `t` (s), and return the resulting changes of state."""
         first = len(self.changes)
         if self.state is WatchState.NOT_WATCHED:
+            if t - BLOCK_LENGTH < self.changes[-1].t:
+                # the rest of the block in which samples ended
+                return []
             self._change_state(WatchEvent(t, self._interrupted))
         means = np.asarray(means, dtype=float)
         if len(self._normal) < FIRST_BLOCKS:
