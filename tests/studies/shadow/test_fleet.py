@@ -34,6 +34,7 @@ from twin.studies.shadow.fleet import (
     limits_of,
     own_commands,
     read_fleet,
+    transmit_samples,
     watch_blocks,
 )
 from twin.studies.shadow.tolerances import PERIOD_FACTORS, tolerances_of
@@ -245,7 +246,13 @@ ROBOTS = 6
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("encoder", "found", "earliest", "latest"),
-    [("motor_encoder_1", 2, 7.5, 9.5), ("motor_encoder_2", ROBOTS, 1.5, 2.5), ("joint_encoder_1", ROBOTS, 1.5, 1.5)],
+    [
+        ("motor_encoder_1", 2, 7.5, 9.5),
+        ("motor_encoder_2", ROBOTS, 1.5, 2.5),
+        ("motor_encoder_3", ROBOTS, 1.5, 1.5),
+        ("joint_encoder_1", ROBOTS, 1.5, 1.5),
+        *((f"joint_encoder_{k}", ROBOTS, 0.5, 0.5) for k in (2, 3)),
+    ],
 )
 def test_a_bias_of_a_tenth_of_a_degree_is_found_as_the_page_states(
     encoder: str, found: int, earliest: float, latest: float
@@ -257,6 +264,20 @@ def test_a_bias_of_a_tenth_of_a_degree_is_found_as_the_page_states(
     # docs/shadow_reference.md has these numbers
     assert len(after) == found
     assert after[0] == pytest.approx(earliest, abs=0.1) and after[-1] == pytest.approx(latest, abs=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("joint", "factor", "after"),
+    [(1, 0.95, None), (2, 0.95, 1.5), (3, 0.95, 0.5), (1, 0.9, 9.5), (2, 0.9, 0.5), (3, 0.9, 0.5)],
+)
+def test_a_softer_spring_of_an_identified_robot_is_found_as_the_page_states(
+    joint: int, factor: float, after: float | None
+):
+    samples = robot(softened((joint,), ONSET, factor))
+    alarms = alarms_of(transmit_samples(samples, np.random.default_rng(4), 0.01, 0.2e-3))
+    # docs/shadow_reference.md has these numbers
+    assert (alarms[0].t - ONSET if alarms else None) == (after and pytest.approx(after, abs=0.1))
 
 
 def spread(twin: Experiment, samples: RobotSamples) -> np.ndarray:
