@@ -115,9 +115,14 @@ def test_a_drive_whose_torque_is_not_its_load_proposes_no_spring():
 
 @pytest.mark.parametrize("error", [0.5 * TORQUE_ERROR, 2.0 * TORQUE_ERROR])
 def test_whether_a_drive_measures_its_load_is_asked_once_and_passed_on(error: float, monkeypatch: pytest.MonkeyPatch):
-    asked = []
+    asked = list[object]()
+
+    def reidentified(*arguments: object) -> tuple[ParameterChange, ...]:
+        asked.append(arguments[4])
+        return ()
+
     monkeypatch.setattr(reidentification, "torque_error", lambda experiment: error)
-    monkeypatch.setattr(reidentification, "reidentify", lambda *arguments: asked.append(arguments[4]) or ())
+    monkeypatch.setattr(reidentification, "reidentify", reidentified)
     one = Reidentifier(TWIN, wait=True)
     one.ask(0.0, 9.0)
     one.answer()

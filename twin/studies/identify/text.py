@@ -221,7 +221,7 @@ def model_fragment(one: Identification, log: str) -> str:
     if all(joints):
         model["joint_zero_deg"] = _zeros(zero, f"identified from {log}: +- {_width(joints)}")
     controller: dict[str, Any] = {"model": model}
-    plant = {key: model[key] for key in ("k_s_Nm_per_rad", "eta") if key in model}
+    plant: dict[str, Any] = {key: model[key] for key in ("k_s_Nm_per_rad", "eta") if key in model}
     backlash = q["backlash"].found
     if backlash is not None and backlash.value >= 0.0:
         digits = decimals(backlash)
