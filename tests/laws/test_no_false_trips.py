@@ -26,7 +26,7 @@ EVERY = [pytest.param(drive, marks=[] if drive in SHORT else pytest.mark.enduran
 
 NOISE = ("plant.motor_noise_deg=0.044", "plant.joint_noise_deg=0.022")
 """Standard deviations: half a count of the motors' encoders, a whole one of the joints', which are finer and magnetic.
-Four times as much trips nothing in massage.toml either, eight times trips JUMP (docs/safety.md)."""
+"""
 
 
 def use(name: str, drive: str, body: str | None, seed: int) -> float:
@@ -42,6 +42,28 @@ def utilisation(experiment: Experiment) -> float:
     assert done.failure is None
     assert own_monitor(done.simulation.system) is not None and trip_reason(done.simulation) == ""
     return float(np.max(run["monitor.utilisation"]))
+
+
+@pytest.mark.parametrize("name", ["pressing", "tapping", "rolling", "pushing", "massage"])
+def test_the_shipped_tasks_use_at_most_the_share_of_a_limit_that_the_page_states(name):
+    # docs/safety.md: 0.57, that of pushing.toml
+    assert utilisation(load_experiment(EXPERIMENTS / f"{name}.toml")) < 0.57
+
+
+@pytest.mark.parametrize(
+    ("setting", "trips"),
+    [
+        ("drive.parameters.droop=1.32", False),
+        ("drive.parameters.droop=1.5", True),
+        ("monitor.drive_droop_rad_per_s_per_Nm=1.5", False),
+    ],
+)
+def test_a_drive_of_more_droop_than_believed_trips_from_two_and_a_half_times_on(setting: str, trips: bool):
+    """docs/safety.md: 0.6 rad/s/(N m) are believed; to believe more hides a force, and trips nothing."""
+    experiment = load_experiment(EXPERIMENTS / "pressing.toml", (setting,))
+    with assemble(experiment) as assembly:
+        done = simulate(assembly, experiment.duration_ticks, [])
+    assert ("more force than the encoders show" in trip_reason(done.simulation)) is trips
 
 
 def test_there_are_ten_drives():

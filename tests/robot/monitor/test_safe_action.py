@@ -10,16 +10,19 @@ from hypothesis import strategies as st
 
 from tests.laws.runs import PARAMETERS, ComponentStepper
 from tests.robot.monitor.motions import BELIEF, DT, GEOMETRY, LIMITS, latched, standing, watched
-from twin.robot.monitor.component import OBSERVATION_RECORD, SafetyMonitor
+from twin.robot.mechanism.kinematics import jacobian
+from twin.robot.monitor.component import OBSERVATION_RECORD, SafetyMonitor, press_deflection
 from twin.robot.monitor.limits import Limits
 from twin.robot.monitor.reasons import Reason
 from twin.robot.monitor.safe_action import (
     RETRACTION_RECORD,
     SINK_LIMIT,
     Retreat,
+    enforce,
     is_too_far,
     is_too_fast,
     keeps_moving,
+    presses_at_limit,
     retraction_speed,
     retreat,
 )
@@ -279,6 +282,32 @@ def test_an_angle_below_that_of_the_trip_is_that_of_the_motor_or_else_of_the_joi
     assert is_far(travel_m=-LIMITS.retract - deep) and not is_far(travel_m=-LIMITS.retract)
 
 
+@pytest.mark.parametrize(
+    ("force", "depth", "doubt_m", "doubt_l", "presses"),
+    [
+        (15.0, 0.0, 0, 0, True),
+        (14.9, 0.0249, 0, 0, False),
+        (0.0, 0.025, 0, 0, True),
+        # a motor encoder gives no force, but the joints' give the depth
+        (99.0, 0.0, 1, 0, False),
+        (0.0, 0.025, 1, 0, True),
+        (99.0, 1.0, 0, 1, False),
+    ],
+)  # fmt: skip
+def test_force_and_depth_after_the_retraction_cut_all_power_if_their_encoders_are_not_doubted(
+    force: float, depth: float, doubt_m: int, doubt_l: int, presses: bool
+):
+    seen, retraction = (np.rec.array(np.zeros(1, kind))[0] for kind in (OBSERVATION_RECORD, RETRACTION_RECORD))
+    seen.force, seen.depth, retraction.power, retraction.power_off_tick = force, depth, 1, -1
+    retraction.doubt_m[1], retraction.doubt_l[2] = doubt_m, doubt_l
+    assert bool(presses_at_limit(LIMITS, seen, retraction)) is presses
+    # not before the slowest drive that obeys has stopped: it may still unload the springs
+    enforce(LIMITS, seen, retraction, True, 400, 0.2, 0.0, False)
+    assert retraction.power == 1
+    enforce(LIMITS, seen, retraction, True, 900, 0.8, 0.0, False)
+    assert (retraction.power == 0) is presses
+
+
 def test_a_motor_encoder_that_is_fast_in_one_direction_for_two_samples_keeps_moving():
     seen, fast = np.rec.array(np.zeros(1, OBSERVATION_RECORD))[0], LIMITS.jump_limit
 
@@ -427,6 +456,29 @@ def test_the_retraction_raises_as_far_as_the_documentation_says(p_B, raised, sid
     assert isinstance(found, Retreat)
     # two printed decimals
     assert (1e3 * found.raised, 1e3 * found.sideways) == pytest.approx((raised, sideways), abs=0.005)
+
+
+def workspace() -> list[tuple[float, float, float]]:
+    """Poses of a grid over the workspace (m)."""
+    grid = np.linspace(-1.0, 1.0, 9)
+    heights = np.linspace(LIMITS.z_min, LIMITS.z_max, 13)
+    radius = LIMITS.workspace_radius
+    return [
+        (radius * float(x), radius * float(y), float(z))
+        for x in grid for y in grid if math.hypot(x, y) <= 1.0 for z in heights
+    ]  # fmt: skip
+
+
+def test_the_force_limit_deflects_no_spring_as_far_as_its_limit():
+    """docs/safety.md: 15 N deflect a spring by at most 17.3 deg."""
+    worst = max(press_deflection(BELIEF, p_B, LIMITS.force_limit) for p_B in workspace())
+    assert math.degrees(worst) == pytest.approx(17.3, abs=0.05) and worst < LIMITS.deflection_limit
+
+
+def test_joint_encoders_that_drift_look_like_a_body_that_sinks_slower_than_breath():
+    """docs/safety.md: 2 deg/s of all joints are 1.6 to 2.7 mm/s."""
+    rates = [-math.radians(2.0) * float(np.linalg.inv(jacobian(GEOMETRY, p_B))[2].sum()) for p_B in workspace()]
+    assert (1e3 * min(rates), 1e3 * max(rates)) == pytest.approx((1.6, 2.7), abs=0.05)
 
 
 def test_a_trip_stays_whatever_comes_after():

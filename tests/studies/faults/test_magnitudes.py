@@ -4,12 +4,17 @@ import random
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS
 from tests.studies.faults.beyond import BODIES, Tried, ideal, ladder, run
-from twin.robot.experiment.fault import FAULT_KINDS
+from twin.robot.experiment.fault import FAULT_KINDS, Fault
+from twin.robot.experiment.together import fault_values
+from twin.studies.faults.cases import faults_of
 from twin.studies.faults.magnitudes import UPPER_ENDS, directions
+from twin.studies.faults.onsets import true_force
+from twin.studies.faults.stage import load_stage
 
 DOCS = EXPERIMENTS.parent / "docs"
 PAGE = DOCS / "safety.md"
@@ -43,7 +48,20 @@ def test_the_page_has_a_row_for_every_kind_with_its_upper_end():
     rows = section(WORST, DOCS / "faults_reference.md")
     assert [row[0].strip("`") for row in rows] == list(UPPER_ENDS)
     for row in rows:
-        assert float(row[1].split()[0].replace(",", "")) == UPPER_ENDS[row[0].strip("`")].magnitude
+        end = UPPER_ENDS[row[0].strip("`")]
+        assert (float(row[1].split()[0].replace(",", "")), row[2]) == (end.magnitude, end.why)
+
+
+def test_page_readme_and_hazard_table_state_the_force_of_a_fast_drift():
+    """The claim's own range ends at 2 deg/s; the largest force is that of 20 deg/s."""
+    pages = [PAGE, DOCS.parent / "README.md", EXPERIMENTS / "safety" / "massage.toml"]
+    for page in pages:
+        assert re.search(r"47 N (at|if all joint encoders drift\s+by) 20 deg/s", page.read_text()), page
+    (header,) = (
+        cells(line) for line in PAGE.read_text().splitlines() if line.startswith("| all joint encoders, deg/s")
+    )
+    (row,) = (cells(line) for line in PAGE.read_text().splitlines() if line.startswith("| shoulder | 20.3"))
+    assert max(map(float, row[1:])) == float(row[header.index("20")]) == 46.6
 
 
 @pytest.mark.slow
@@ -76,6 +94,44 @@ def test_no_run_of_a_drawn_kind_presses_harder_than_the_page_states(kind: str):
     (row,) = (row for row in section(WORST, DOCS / "faults_reference.md") if row[0] == f"`{kind}`")
     for body, text in zip(BODIES, row[3:5], strict=True):
         assert max(one.felt.peak for one in ladder(body, kind)) < 1.02 * float(text.split(" ")[0].rstrip(":")) + 0.06
+
+
+STATED = [
+    # body, kind, target, magnitude, onset (s), force (N)
+    ("back", "encoder_drift", "all joint encoders", 0.1, 0.5, 10.6),
+    ("back", "encoder_drift", "joint_encoder_1", 12.0, 5.5, 22.1),
+    ("shoulder", "belt_slip", "all joints", -30.0, 0.499, 76.3),
+    ("shoulder", "breathing", "contact", 12.0, 0.499, 17.1),
+    ("back", "controller_overrun", "controller", 50.0, 5.449, 17.0),
+    ("shoulder", "controller_overrun", "controller", 50.0, 5.511, 18.3),
+    ("back", "surface_jump", "contact", 5.0, 5.449, 20.2),
+    ("shoulder", "drive_runaway", "all drives", 60.0, 9.408, 30.5),
+    ("shoulder", "drive_runaway", "all drives", 60.0, 5.511, 24.3),
+]
+"""Single runs that docs/safety.md, docs/faults.md and docs/faults_reference.md state."""
+
+
+@pytest.mark.parametrize(("body", "kind", "target", "magnitude", "onset", "force"), STATED)
+def test_single_runs_that_the_pages_state_give_their_force(
+    body: str, kind: str, target: str, magnitude: float, onset: float, force: float
+):
+    # another processor may round
+    assert run(body, kind, target, magnitude, onset).peak == pytest.approx(force, rel=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("body", "onset", "force", "with_sensor"), [("shoulder", 2.5, 44.1, 15.0), ("back", 2.5, 36.2, 17.0)]
+)
+def test_a_drive_without_droop_presses_as_the_page_states(body: str, onset: float, force: float, with_sensor: float):
+    there = load_stage(EXPERIMENTS / "pressing.toml", body=body, drive="pmsm_foc")
+    faults = faults_of(there.experiment, [fault_values("encoder_drift", "all joint encoders", 2.0, onset)])
+    pressed = true_force(there.run(faults))
+    assert pressed.max() == pytest.approx(force, rel=0.02)
+    # a sensor of the true force cuts the power at 15 N
+    at = int(np.argmax(pressed >= 15.0))
+    cut = there.reaction((*faults, Fault("power_off", "power", at)))
+    assert cut.peak == pytest.approx(with_sensor, rel=0.02)
 
 
 @pytest.mark.slow

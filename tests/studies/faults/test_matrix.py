@@ -204,6 +204,7 @@ def test_a_fault_that_ends_the_run_in_its_very_first_step_has_touched_nobody(kin
 def test_text_fits_80_columns_and_begins_with_the_verdict(complete: bool):
     lines = fault_matrix_result("pressing", pressing(), Path("x.png"), complete=complete).text.splitlines()
     assert lines[0].startswith("pressing  as stated: 170 of 174 below 18 N")
+    assert "plus 20 %, 4 beyond as stated; without the monitor" in " ".join(" ".join(lines).split())
     assert max(map(len, lines)) <= 80
 
 
@@ -215,6 +216,16 @@ def test_text_has_the_five_kinds_with_the_largest_force_and_every_kind_only_if_c
     assert kinds == sorted(peaks, key=lambda kind: -peaks[kind])[:5]
     assert f"5 of {len(FAULT_KINDS)} kinds; --all prints" in short.text
     assert short.facts == full.facts
+
+
+@pytest.mark.parametrize("complete", [False, True])
+def test_each_row_above_the_bound_has_its_limit_and_the_force_under_an_ideal_monitor(complete: bool):
+    text = fault_matrix_result("pressing", pressing(), Path("x.png"), complete=complete).text
+    stated = " ".join(text.partition("! above the bound, as expected:")[2].split())
+    above = [row for row in pressing() if not row.is_safe]
+    assert stated.count("(limit 18 N)") == len(above) == 4
+    for row in above:
+        assert f"{row.watched.peak:.1f} N (limit 18 N)" in stated and f"; ideal {row.ideal:.1f} N" in stated
 
 
 def test_a_failure_is_printed_without_complete():

@@ -2,8 +2,10 @@
 
 import random
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS
@@ -11,9 +13,11 @@ from twin.kernel.serialise import to_dict
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.together import fault_values
+from twin.robot.monitor.reasons import Reason
+from twin.studies.faults import SetOfFaults
 from twin.studies.faults.cases import faults_of
 from twin.studies.faults.stage import Stage
-from twin.studies.faults.together import CombinationRow, combination_row, ordered_pairs
+from twin.studies.faults.together import CombinationRow, combination_row, combinations_of, ordered_pairs
 
 BODIES = ("scale", "back", "shoulder", "belly", "upper_arm", "forearm", "thigh", "calf")
 SEED = 50
@@ -61,18 +65,23 @@ def drawn_rows(
 
 RETRACTION, RETRACT_SPEED = 0.262, 2.0
 """Duration (s) and speed (rad/s) of a retraction."""
+UNSEEN_FORCES = {2.0: 40.3, 4.0: 77.1, 8.0: 170.3}
+"""Largest force (N) of all drives at a speed (rad/s) from the trip on, while no message shows them: eight bodies, free
+motion and contact (docs/safety.md)."""
 
 
 def unseen(row: CombinationRow) -> bool:
     """Whether all drives run away during a retraction that no message shows, and come down past their angle at the trip
-    before it is over: the exception that docs/safety.md states."""
+    before it is over: the exception that docs/safety.md states, with its forces."""
     first, second = row.faults.tables
     lost = first["kind"] == "sample_loss" and first["magnitude_share"] == 1.0
     assert row.faults.delay is not None
     if not lost or second["target"] != "all drives" or second["magnitude_rad_per_s"] < 2.0:
         return False
-    down = second["magnitude_rad_per_s"] * (RETRACTION - row.faults.delay)
-    return down > RETRACT_SPEED * row.faults.delay
+    speed = second["magnitude_rad_per_s"]
+    passes = speed * (RETRACTION - row.faults.delay) > RETRACT_SPEED * row.faults.delay
+    # another processor may round
+    return passes and row.watched.peak <= 1.02 * UNSEEN_FORCES[speed]
 
 
 STATED = {"shoulder": [("command_held", "bus", "all drives", 4.0, 0.0, 23.4)]}
@@ -126,6 +135,8 @@ def test_all_drives_that_run_away_in_an_unseen_retraction_are_a_pair_beyond_the_
     with Stage(pressing("back")) as stage:
         row = combination_row(stage, one, 5.5)
     assert row.exceeds_bound is not keeps and unseen(row) is not keeps
+    harder = replace(row, watched=replace(row.watched, peak=80.0))
+    assert not unseen(harder) and beyond([harder]) != []
 
 
 def test_a_bus_that_holds_its_commands_and_drives_that_run_away_at_the_trip_are_beyond_the_bound_on_a_shoulder():
@@ -165,6 +176,50 @@ def test_the_force_after_a_trip_is_kept_as_an_ideal_monitor_keeps_it(
     bound = max(22.5, 1.2 * now.ideal_reaction(faults, new.seen).peak)
     assert new.peak < 17.0 < bound
     assert old.peak > (bound if onset < 7.0 else 3.0 * new.peak)
+
+
+@pytest.mark.parametrize(("body", "worst"), [("scale", 2.2), ("back", 3.0), ("shoulder", 2.2)])
+def test_a_healthy_drive_that_sinks_after_a_trip_keeps_its_power_and_rests_its_weight_on_the_body(
+    body: str, worst: float
+):
+    with Stage(pressing(body, LONG), body, share=False) as stage:
+        lost = fault_values("sample_loss", "encoder", 1.0, 6.5) | {"duration_s": 0.02}
+        run = stage.run(faults_of(stage.experiment, [lost]))
+    assert run.trace is not None and run.trip is not None and run.trip.reason is Reason.STALE
+    assert run.power_off_tick is None
+    height, later = run.trace["plant.p_B"][:, 2], run.trip.tick + 1000
+    assert height[later] > -0.093 and height[later + 39_000] == pytest.approx(-0.102, abs=1e-3)
+    force = np.linalg.norm(run.trace["plant.F_ee_B"][later:], axis=1)
+    assert force[:15_000].max() == 0.0 and force.max() == pytest.approx(worst, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("first", "speed", "delay", "force"),
+    [
+        (fault_values("sample_loss", "encoder", 1.0, 5.511) | {"duration_s": 0.02}, 16.0, 0.0, 24.1),
+        (fault_values("sample_loss", "encoder", 1.0, 5.511) | {"duration_s": 0.02}, 40.0, 0.0, 51.3),
+        (fault_values("encoder_dropout_nan", "all motor encoders", 1.0, 5.511), 20.0, 0.0, 25.3),
+        (fault_values("encoder_dropout_nan", "all motor encoders", 1.0, 5.511), 40.0, 0.0, 37.9),
+        (fault_values("surface_jump", "contact", 5.0, 5.511), 40.0, 0.0, 31.1),
+        (fault_values("command_held", "bus", 1.0, 5.511), 12.0, 0.0, 21.1),
+    ],
+)  # fmt: skip
+def test_drives_faster_than_the_catalogue_s_press_after_a_trip_as_the_page_states(
+    first: dict, speed: float, delay: float, force: float
+):
+    with Stage(pressing("shoulder"), "shoulder") as stage:
+        tables = stage.delay_second([first, fault_values("drive_runaway", "all drives", speed, 5.511)], delay)
+        peak = stage.reaction(faults_of(stage.experiment, tables)).peak
+    # another processor may round
+    assert peak == pytest.approx(force, rel=0.02)
+
+
+def test_twin_faults_tries_one_delay_and_one_slow_speed_in_contact():
+    ordered = [one for one in combinations_of(SetOfFaults.PAIRS, 5.5, True, ()) if one.delay is not None]
+    assert {one.delay for one in ordered} == {1.0} and len({one.name for one in ordered}) > 40
+    speeds = {table.get("magnitude_rad_per_s") for one in ordered for table in one.tables[1:]} - {None}
+    assert min(map(abs, speeds)) == 0.4
+    assert all(one.delay is None for one in combinations_of(SetOfFaults.PAIRS, 0.5, False, ()))
 
 
 def test_a_draw_of_ordered_pairs_keeps_the_bound():

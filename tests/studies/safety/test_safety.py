@@ -21,11 +21,13 @@ from twin.robot.run.trace import Trace
 from twin.studies.command import ignore_progress
 from twin.studies.faults.stage import Stage, load_stage
 from twin.studies.faults.together import SECOND_DELAYS
+from twin.studies.safety import argument
 from twin.studies.safety.evidence import CONFIDENCE_LEVEL, EvidenceRun, HazardLine, interval
 from twin.studies.safety.hazards import read_hazards
 from twin.studies.safety.lines import draw_runs
+from twin.studies.safety.page import hazard_page
 from twin.studies.safety.study import safety, write_page
-from twin.studies.safety.text import failures, lines_table, old_lines, regressions
+from twin.studies.safety.text import failures, lines_table, old_lines, regressions, verdict
 
 EXPERIMENT = "experiments/pressing.toml"
 MORE = """
@@ -79,8 +81,24 @@ def test_the_terminal_prints_the_limit_and_where_the_monitor_detected_nothing(li
     (row,) = lines_table([line]).rows
     assert row[2] == "22.5 N" and row[-1] == "kept"
     blind = [replace(run, watched=run.watched and replace(run.watched, reason="")) for run in line.runs]
-    (row,) = lines_table([replace(line, runs=tuple(blind))]).rows
-    assert row[-2].startswith("0/") and row[-1] == "kept unseen"
+    unseen = replace(line, runs=tuple(blind))
+    (row,) = lines_table([unseen]).rows
+    assert row[-2].startswith("0/") and row[-1] == unseen.status == unseen.to_dict()["status"] == "kept unseen"
+    text = " ".join(verdict([unseen], {"worse": []}, [], {}).text.split())
+    assert "as stated: 1 of 1 lines kept" in text and "Magnitudes: drive_runaway 0.5 to 8 rad/s." in text
+
+
+def test_page_and_picture_print_a_line_that_is_kept_unseen(table: Path, lines, tmp_path: Path, monkeypatch):
+    (line,), _ = lines
+    blind = [replace(run, watched=run.watched and replace(run.watched, reason="")) for run in line.runs]
+    unseen = [replace(line, runs=tuple(blind))]
+    page = hazard_page(read_hazards(table), unseen, (), "twin safety")
+    assert page.count('<span class="stated">kept unseen</span>') == 2
+    assert "<td><b>magnitudes</b></td><td>drive_runaway 0.5 to 8 rad/s</td>" in page
+    drawn: list[str] = []
+    monkeypatch.setattr(argument, "_write_text", lambda axes, x, y, text, columns: drawn.append(text))
+    argument.draw_argument(read_hazards(table), unseen, tmp_path / "argument.png")
+    assert any(text.endswith("runs\nkept unseen") for text in drawn)
 
 
 def again(run: EvidenceRun, *settings: str) -> tuple[bool, float]:
@@ -250,6 +268,9 @@ def test_only_what_got_worse_is_named(lines):
     for key, (value, sentence) in changes.items():
         (found,) = regressions(old, [{**line.to_dict(), key: value}])
         assert re.search(sentence, found)
+    assert list(regressions(old, [{**line.to_dict(), "status": "kept unseen"}])) == []
+    unseen = {"H1": {**old["H1"], "status": "kept unseen"}}
+    assert list(regressions(unseen, [{**line.to_dict(), "status": "exceeded"}])) == ["H1: exceeded, was kept"]
     assert list(regressions(old, [])) == ["H1: the line is gone"]
     assert list(regressions(old, [{**line.to_dict(), "peak_N": 1.04 * line.to_dict()["peak_N"]}])) == []
 

@@ -202,27 +202,27 @@ def _force(peak: float) -> str:
 
 
 def _exceptions(rows: Sequence[FaultRow], complete: bool) -> Iterator[Block]:
-    """Yield the failures, and if `complete` also the exceptions that were expected."""
+    """Yield the failures, all rows above the bound, and if `complete` also the other exceptions that were expected."""
     kinds = list(dict.fromkeys(row.kind for row in rows))
     last = [
         row for row in rows if FAULT_KINDS[row.kind].detection == "if large" and row.is_largest and not row.is_detected
     ]
-    failures: dict[str, Sequence[FaultRow | str]] = {
+    above: dict[str, Sequence[FaultRow | str]] = {
         "! expected to be detected, and not detected:": [row for row in rows if row.misses_detection],
         "! above the bound, and not expected there:": [row for row in rows if row.is_avoidable_excess],
-    }
-    expected: dict[str, Sequence[FaultRow | str]] = {
         "! above the bound, as with a monitor that cuts all power at the limit of force:": [
             row for row in rows if row.is_unavoidable
         ],
         "! above the bound, as expected:": [row for row in rows if not row.is_safe and row.expects_excess],
+    }
+    expected: dict[str, Sequence[FaultRow | str]] = {
         "not detectable:": [kind for kind in kinds if FAULT_KINDS[kind].detection == "no"],
         "detected in time, and not expected to be:": [
             row for row in rows if not row.matches_statement and not row.fails
         ],
         "not detected at the largest magnitude, as expected:": [row for row in last if not row.misses_detection],
     }
-    for title, found in (failures | expected if complete else failures).items():
+    for title, found in (above | expected if complete else above).items():
         yield from ["", title] if found else []
         for one in found:
             text = f"{one}: {FAULT_KINDS[one].reason}" if isinstance(one, str) else _row_text(one)

@@ -26,8 +26,11 @@ Stages = Callable[[str, tuple[float, float]], Stage]
 """Return the stage of a body and an offset (m); the same one for repeated calls."""
 Origin = Literal["grid", "search", "draw"]
 """Origin of a run: the grid of all causes, the search for a worse case, or a random draw."""
-Status = Literal["kept", "exceeded", "exceeded as stated", "failed"]
-"""Judgement of a line; "as stated" if the table says why its limit is exceeded."""
+Status = Literal["kept", "kept unseen", "exceeded", "exceeded as stated", "failed"]
+"""Judgement of a line; "unseen" if the monitor detects no run, "as stated" if the table says why its limit is
+exceeded."""
+KEPT_STATUSES = ("kept", "kept unseen")
+"""Judgements of a line within its limit."""
 
 
 @dataclass(frozen=True)
@@ -115,12 +118,13 @@ class HazardLine:
 
     @property
     def status(self) -> Status:
-        """Judgement of the hazard line: kept, exceeded or failed; a single failed run makes the line fail."""
+        """Judgement of the hazard line; a single failed run makes the line fail."""
         if self.failed_runs or not (self.runs or self.distances):
             return "failed"
         violated = any(left < 0.0 for left in self.distances.values())
         if not violated and (self.worst is None or self.value <= self.hazard.limit):
-            return "kept"
+            # a monitor that detects no run keeps no limit
+            return "kept unseen" if self.detection[1] and not self.detection[0] else "kept"
         return "exceeded as stated" if self.hazard.table.beyond else "exceeded"
 
     @property
@@ -139,6 +143,11 @@ class HazardLine:
     def draw_detection(self) -> tuple[int, int]:
         """Detected runs and all runs of the independent random draws, (detected, all)."""
         return _detection_count(self._runs_of("draw"))
+
+    @property
+    def detection(self) -> tuple[int, int]:
+        """Detected runs and all runs: of the random draws if there are any, else of the grid."""
+        return self.draw_detection if self.draw_detection[1] else self.grid_detection
 
     @property
     def dangerous_count(self) -> tuple[int, int]:

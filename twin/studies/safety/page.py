@@ -6,9 +6,11 @@ from collections.abc import Iterator, Sequence
 from html import escape
 from pathlib import Path
 
+from twin.robot.experiment.fault import FAULT_KINDS
 from twin.studies.faults.reaction import BEARABLE_FORCE, Reaction
+from twin.studies.faults.text import magnitude_text
 from twin.studies.safety.evidence import CONFIDENCE_LEVEL, EvidenceRun, HazardLine, interval
-from twin.studies.safety.hazards import SafetyTable
+from twin.studies.safety.hazards import Hazard, SafetyTable
 
 SIMULATION_NOTICE = (
     "This page complies with no standard by itself. It was written by a simulation: no part of it was measured on the "
@@ -39,7 +41,9 @@ img{max-height:24cm}.runs table,.runs td code{font-size:.5rem}.runs td,.runs th{
 OVERVIEW_HEAD = ("", "hazard", "limit", "worst", "ideal monitor", "without monitor", "seen", "status")
 MIN_PUBLISHED = 2
 SECURITY_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-STATUS_CLASSES = {"kept": "kept", "exceeded": "exceeded", "exceeded as stated": "stated", "failed": "failed"}
+STATUS_CLASSES = {
+    "kept": "kept", "kept unseen": "stated", "exceeded": "exceeded", "exceeded as stated": "stated", "failed": "failed",
+}  # fmt: skip
 
 
 def hazard_page(
@@ -100,9 +104,16 @@ def _summary(line: HazardLine) -> Iterator[str]:
     yield _status(line)
 
 
+def magnitude_ranges(hazards: Sequence[Hazard]) -> list[str]:
+    """Format the range of each fault kind's magnitudes in grid, search and draws: `drive_runaway 0.5 to 8 rad/s`."""
+    kinds = dict.fromkeys(kind for hazard in hazards for cause in hazard.causes for kind, _ in cause.faults)
+    ranges = {kind: known for kind in kinds if (known := FAULT_KINDS[kind].magnitudes)}
+    return [f"{kind} {known[0]:g} to {magnitude_text(kind, known[-1])}" for kind, known in ranges.items()]
+
+
 def seen_text(line: HazardLine) -> str:
-    """Format the number of detected runs of a hazard line: of the random draws if there are any, else of the grid."""
-    seen, made = line.draw_detection if line.draw_detection[1] else line.grid_detection
+    """Format the number of detected runs of a hazard line."""
+    seen, made = line.detection
     return f"{seen} of {made}" if made else "-"
 
 
@@ -121,6 +132,7 @@ def _line(table: SafetyTable, line: HazardLine) -> Iterator[str]:
         ("harm", words.harm),
         ("severity", words.severity),
         ("causes", "; ".join(map(str, line.hazard.causes))),
+        ("magnitudes", "; ".join(magnitude_ranges([line.hazard])) or "none"),
         ("limit", line.hazard.limit_text),
         ("control measure", words.control),
         ("residual risk", words.residual),

@@ -7,8 +7,8 @@ from typing import Any
 
 from twin.kernel.errors import InputRefused
 from twin.studies.result import Block, Column, Note, Result, Table, count_text
-from twin.studies.safety.evidence import HazardLine
-from twin.studies.safety.page import seen_text, worst_texts
+from twin.studies.safety.evidence import KEPT_STATUSES, HazardLine
+from twin.studies.safety.page import magnitude_ranges, seen_text, worst_texts
 
 LINE_COLUMNS = (
     Column("", 4, left=True),
@@ -30,10 +30,9 @@ def lines_table(lines: Sequence[HazardLine]) -> Table:
     """Format the lines as a table: limit, worst run with monitor, ideal one and without, detected runs, status."""
     rows = []
     for line in lines:
-        words, limit, seen = line.hazard.table, line.hazard.limit_text.rpartition(" of ")[2], seen_text(line)
-        # nothing that the monitor did keeps a limit where it detected no run
-        status = "kept unseen" if line.status == "kept" and seen.startswith("0 ") else line.status
-        rows.append((words.id, words.hazard, limit, *worst_texts(line), seen.replace(" of ", "/"), status))
+        words, limit = line.hazard.table, line.hazard.limit_text.rpartition(" of ")[2]
+        seen = seen_text(line).replace(" of ", "/")
+        rows.append((words.id, words.hazard, limit, *worst_texts(line), seen, line.status))
     return Table(LINE_COLUMNS, rows, indent=0)
 
 
@@ -52,14 +51,17 @@ def verdict(
     lines: Sequence[HazardLine], facts: Mapping[str, Any], parts: Sequence[Block], files: Mapping[str, object]
 ) -> Result:
     """Create the report of `twin safety`: verdict on all hazard lines, values for JSON, and files."""
-    of = {status: sum(line.status == status for line in lines) for status in ("kept", "exceeded as stated")}
-    bad = len(lines) - sum(of.values())
+    kept, stated = (
+        sum(line.status in statuses for line in lines) for statuses in (KEPT_STATUSES, ("exceeded as stated",))
+    )
+    bad = len(lines) - kept - stated
     failed = bad > 0 or bool(facts["worse"])
     text = (
-        f"{'FAILED' if failed else 'as stated'}: {of['kept']} of {len(lines)} lines kept, {of['exceeded as stated']} "
+        f"{'FAILED' if failed else 'as stated'}: {kept} of {len(lines)} lines kept, {stated} "
         f"exceeded as stated, {bad} exceeded or failed. This complies with no standard by itself."
     )
-    return Result(Note(text, later=4), parts, dict(facts), files, exit_code=int(failed))
+    ranges = Note(f"Magnitudes: {'; '.join(magnitude_ranges([line.hazard for line in lines]))}.", later=4)
+    return Result(Note(text, later=4), [*parts, ranges, ""], dict(facts), files, exit_code=int(failed))
 
 
 def old_lines(path: Path) -> dict[str, dict[str, Any]]:
@@ -81,7 +83,7 @@ def regressions(old: Mapping[str, Mapping[str, Any]], lines: Sequence[Mapping[st
         if after is None:
             yield f"{name}: the line is gone"
             continue
-        if before["status"] == "kept" and after["status"] != "kept":
+        if before["status"] in KEPT_STATUSES and after["status"] not in KEPT_STATUSES:
             yield f"{name}: {after['status']}, was kept"
         elif after["status"] == "failed" and before["status"] != "failed":
             yield f"{name}: a run failed"
