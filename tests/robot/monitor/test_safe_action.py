@@ -302,10 +302,10 @@ def test_force_and_depth_after_the_retraction_cut_all_power_if_their_encoders_ar
     retraction.doubt_m[1], retraction.doubt_l[2] = doubt_m, doubt_l
     assert bool(presses_at_limit(LIMITS, seen, retraction)) is presses
     # not before the slowest drive that obeys has stopped: it may still unload the springs
-    enforce(LIMITS, seen, retraction, True, 400, 0.2, 0.0, False)
+    enforce(LIMITS, seen, retraction, True, 400, 0.35, 0.0, False)
     assert retraction.power == 1
     enforce(LIMITS, seen, retraction, True, 900, 0.8, 0.0, False)
-    assert (retraction.power == 0) is presses
+    assert bool(retraction.power == 0) is presses
 
 
 def test_a_motor_encoder_that_is_fast_in_one_direction_for_two_samples_keeps_moving():

@@ -171,7 +171,7 @@ def test_of_poses_only_those_count_where_the_healthy_robot_keeps_what_is_require
 def test_drives_faster_than_the_catalogue_s_are_found_beyond_the_bound(tmp_path: Path):
     kind = "drive_runaway@all_drives"
     bound = ["always (|plant.F_ee_B| <= 22.5 N)"]
-    (found,) = asked(tmp_path, requirements=bound, kinds=[kind], runs=16).facts["found"]
+    (found,) = asked(tmp_path, requirements=bound, kinds=[kind], runs=24).facts["found"]
     (one,) = (fault for fault in load_experiment(tmp_path / f"{kind}.toml").faults if fault.target == "drive_1")
     assert found["share"] < 0.0 and 25.0 < one.magnitude <= 200.0
 
@@ -179,9 +179,9 @@ def test_drives_faster_than_the_catalogue_s_are_found_beyond_the_bound(tmp_path:
 def test_the_second_fault_of_a_found_experiment_begins_after_the_trip_of_the_first(tmp_path: Path):
     kind = "sample_loss-then-drive_runaway@all_drives"
     old = ["monitor.disobeyed=wait", "contact.body=back"]
-    answer = asked(tmp_path, kinds=[kind], settings=old, runs=8)
+    answer = asked(tmp_path, kinds=[kind], settings=old, runs=4)
     (found,) = answer.facts["found"]
-    assert answer.exit_code == 1 and 0.0 <= found["after_trip_s"] <= SECOND_DELAYS[-1]
+    assert answer.exit_code == 1 and found["after_trip_s"] in SECOND_DELAYS
     loaded = load_experiment(tmp_path / f"{kind}.toml")
     first, second = (next(fault for fault in loaded.faults if fault.table == number) for number in (1, 2))
     # messages are off their time by 10 ms

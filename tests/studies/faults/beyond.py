@@ -1,6 +1,7 @@
 """Each kind of fault from the catalogue's largest magnitude up to where another rule, or physics, limits it.
 
-`python -m tests.studies.faults.beyond > rows.md` makes the table of docs/safety.md.
+`python -m tests.studies.faults.beyond > rows.md` prints the rows of the table of
+docs/faults_reference.md: kind, body, magnitude, target, onset, peak, peak under an ideal monitor, reason, runs.
 """
 
 import math

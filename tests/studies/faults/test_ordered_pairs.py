@@ -190,7 +190,7 @@ def test_a_healthy_drive_that_sinks_after_a_trip_keeps_its_power_and_rests_its_w
     height, later = run.trace["plant.p_B"][:, 2], run.trip.tick + 1000
     assert height[later] > -0.093 and height[later + 39_000] == pytest.approx(-0.102, abs=1e-3)
     force = np.linalg.norm(run.trace["plant.F_ee_B"][later:], axis=1)
-    assert force[:15_000].max() == 0.0 and force.max() == pytest.approx(worst, abs=0.1)
+    assert force[:10_000].max() == 0.0 and force.max() == pytest.approx(worst, abs=0.1)
 
 
 @pytest.mark.parametrize(
