@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from twin.studies.figure import BARE_STYLE, GREEN, GREY, INK, RED, Axes, picture
-from twin.studies.safety.evidence import KEPT_STATUSES, HazardLine
+from twin.studies.safety.evidence import GOOD_STATUSES, HazardLine
 from twin.studies.safety.hazards import SafetyTable
 
 LOCAL_WIDTH, BOX_STEP = 2.6, 2.8
@@ -45,7 +45,7 @@ def draw_argument(table: SafetyTable, lines: Sequence[HazardLine], path: Path) -
         for number, line in enumerate(lines):
             row, column = divmod(number, BOXES_PER_ROW)
             x, top = BOX_STEP * (column + 0.5) + 0.1, high - 2.85 - ROW_HEIGHT * row
-            good = line.status in KEPT_STATUSES
+            good = line.status in GOOD_STATUSES
             color = GREEN if good else RED
             axes.plot([0.05, x], [top + 0.3, top + 0.3], color=INK, lw=0.8)
             _arrow(axes, x, top + 0.3, x, top)

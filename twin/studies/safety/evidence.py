@@ -29,7 +29,7 @@ Origin = Literal["grid", "search", "draw"]
 Status = Literal["kept", "kept unseen", "exceeded", "exceeded as stated", "failed"]
 """Judgement of a line; "unseen" if the monitor detects no run, "as stated" if the table says why its limit is
 exceeded."""
-KEPT_STATUSES = ("kept", "kept unseen")
+GOOD_STATUSES = ("kept", "kept unseen")
 """Judgements of a line within its limit."""
 
 

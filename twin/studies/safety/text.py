@@ -7,7 +7,7 @@ from typing import Any
 
 from twin.kernel.errors import InputRefused
 from twin.studies.result import Block, Column, Note, Result, Table, count_text
-from twin.studies.safety.evidence import KEPT_STATUSES, HazardLine
+from twin.studies.safety.evidence import GOOD_STATUSES, HazardLine
 from twin.studies.safety.page import magnitude_ranges, seen_text, worst_texts
 
 LINE_COLUMNS = (
@@ -51,13 +51,13 @@ def verdict(
     lines: Sequence[HazardLine], facts: Mapping[str, Any], parts: Sequence[Block], files: Mapping[str, object]
 ) -> Result:
     """Create the report of `twin safety`: verdict on all hazard lines, values for JSON, and files."""
-    kept, stated = (
-        sum(line.status in statuses for line in lines) for statuses in (KEPT_STATUSES, ("exceeded as stated",))
+    good_count, stated_count = (
+        sum(line.status in statuses for line in lines) for statuses in (GOOD_STATUSES, ("exceeded as stated",))
     )
-    bad = len(lines) - kept - stated
+    bad = len(lines) - good_count - stated_count
     failed = bad > 0 or bool(facts["worse"])
     text = (
-        f"{'FAILED' if failed else 'as stated'}: {kept} of {len(lines)} lines kept, {stated} "
+        f"{'FAILED' if failed else 'as stated'}: {good_count} of {len(lines)} lines kept, {stated_count} "
         f"exceeded as stated, {bad} exceeded or failed. This complies with no standard by itself."
     )
     ranges = Note(f"Magnitudes: {'; '.join(magnitude_ranges([line.hazard for line in lines]))}.", later=4)
@@ -83,7 +83,7 @@ def regressions(old: Mapping[str, Mapping[str, Any]], lines: Sequence[Mapping[st
         if after is None:
             yield f"{name}: the line is gone"
             continue
-        if before["status"] in KEPT_STATUSES and after["status"] not in KEPT_STATUSES:
+        if before["status"] in GOOD_STATUSES and after["status"] not in GOOD_STATUSES:
             yield f"{name}: {after['status']}, was kept"
         elif after["status"] == "failed" and before["status"] != "failed":
             yield f"{name}: a run failed"
