@@ -16,6 +16,7 @@ from twin.studies.safety import lines
 from twin.studies.safety.evidence import EvidenceRun, run_of, tables_of
 from twin.studies.safety.hazards import Cause, Hazard
 from twin.studies.safety.lines import _cases, _distance, _make_run, _numbers, draw_runs, line_of, search_runs
+from twin.studies.safety.page import magnitude_ranges
 
 AREA = 3e-4
 
@@ -43,6 +44,13 @@ def test_the_grid_has_every_magnitude_direction_and_onset_of_each_cause():
     # of two faults the largest magnitude alone
     assert len(ordered) == 2 * 2 * len(SECOND_DELAYS) and {delay for *_, delay in ordered} == set(SECOND_DELAYS)
     assert {sizes for _, sizes, _, _ in ordered} == {(1.0, 8.0), (1.0, -8.0)}
+
+
+def test_the_magnitudes_of_a_line_are_those_of_its_grid_search_and_draws():
+    """A second drive may creep."""
+    assert magnitude_ranges([hazard(causes=(RUNAWAY,))]) == ["drive_runaway 0.5 to 8 rad/s"]
+    both = hazard(causes=(LOST_THEN_RUNAWAY, RUNAWAY, Cause(requirement="always a")))
+    assert magnitude_ranges([both]) == ["sample_loss 0.02 to 1", "drive_runaway 0.05 to 8 rad/s"]
 
 
 def test_numbers_are_time_magnitude_by_ratio_direction_and_delay():

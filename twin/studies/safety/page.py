@@ -9,6 +9,7 @@ from pathlib import Path
 from twin.robot.experiment.fault import FAULT_KINDS
 from twin.studies.faults.reaction import BEARABLE_FORCE, Reaction
 from twin.studies.faults.text import magnitude_text
+from twin.studies.faults.together import slowest
 from twin.studies.safety.evidence import CONFIDENCE_LEVEL, EvidenceRun, HazardLine, interval
 from twin.studies.safety.hazards import Hazard, SafetyTable
 
@@ -106,9 +107,13 @@ def _summary(line: HazardLine) -> Iterator[str]:
 
 def magnitude_ranges(hazards: Sequence[Hazard]) -> list[str]:
     """Format the range of each fault kind's magnitudes in grid, search and draws: `drive_runaway 0.5 to 8 rad/s`."""
-    kinds = dict.fromkeys(kind for hazard in hazards for cause in hazard.causes for kind, _ in cause.faults)
-    ranges = {kind: known for kind in kinds if (known := FAULT_KINDS[kind].magnitudes)}
-    return [f"{kind} {known[0]:g} to {magnitude_text(kind, known[-1])}" for kind, known in ranges.items()]
+    ranges: dict[str, tuple[float, float]] = {}
+    for cause in (cause for hazard in hazards for cause in hazard.causes):
+        for number, (kind, _) in enumerate(cause.faults):
+            if known := FAULT_KINDS[kind].magnitudes:
+                smallest = slowest(kind, cause.ordered and number == 1) or ranges.get(kind, known)[0]
+                ranges[kind] = smallest, known[-1]
+    return [f"{kind} {smallest:g} to {magnitude_text(kind, largest)}" for kind, (smallest, largest) in ranges.items()]
 
 
 def seen_text(line: HazardLine) -> str:
