@@ -66,8 +66,12 @@ def serve(
         float, Option("Time after that until the safety monitor retracts the robot; 0: never.", "MS", least=0.0)
     ] = 100.0,
     check: Annotated[bool, Option("Compare with the baseline, as twin check does; needs --lockstep.")] = False,
+    update: Annotated[
+        bool, Option("Accept the run's measures as the baseline; needs --lockstep and --baselines.")
+    ] = False,
+    reason: Annotated[str, Option("With --update: reason, stored in the baseline.", "TEXT")] = "",
     baselines: Annotated[
-        Path | None, Option("With --check: folder of baselines; default: the folder of twin check.", "DIR")
+        Path | None, Option("With --check or --update: folder of baselines; default: the folder of twin check.", "DIR")
     ] = None,
     out: Annotated[Path | None, Option("Folder of the run; default: results/EXPERIMENT/TIME.", "DIR")] = None,
     as_json: Annotated[bool, Option("Print one JSON object instead of text.", flags="--json")] = False,
@@ -96,10 +100,13 @@ def serve(
     Example: twin serve fig4_force_position --lockstep
     """
     require_isolation(isolate)
-    if check and not lockstep:
-        raise InputRefused("--check: needs --lockstep, as runs in real time do not repeat")
-    if baselines and not check:
-        raise InputRefused("--baselines: needs --check")
+    if (check or update) and not lockstep:
+        option = "--check" if check else "--update"
+        raise InputRefused(f"{option}: needs --lockstep, as runs in real time do not repeat")
+    if baselines and not (check or update):
+        raise InputRefused("--baselines: needs --check or --update")
+    if update != bool(reason.strip()) or (update and (check or baselines is None)):
+        raise InputRefused('--update: expected --baselines DIR --reason "why the numbers may move", without --check')
     joints = [name.strip() for name in names.split(",")]
     if len(joints) != 6 or len(set(joints)) != 6 or not all(joints):
         raise InputRefused(f"--names {names}: expected six different names with commas, such as {JOINT_NAMES}")
@@ -130,6 +137,7 @@ def serve(
         "isolate_drives": isolate == "drive",
         "limit_step": limit_step,
         "check": check,
+        "accept": reason,
         "baselines": str(baselines) if baselines else None,
         "sure": yes,
         "live": {"port": port, "origins": origins} if live else None,

@@ -19,6 +19,7 @@ from tests.studies.serve import answers
 from twin.kernel.recording.reader import last_time, read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import run_in_memory
+from twin.studies.check.baseline import read_baseline
 from twin.studies.serve.session import exchange_lines
 
 SHORT = ("--set", "duration_s=0.4")
@@ -324,6 +325,27 @@ def test_a_controller_is_checked_against_the_baselines(tmp_path: Path, told: Any
     assert ("Deviates: " in done.stdout) == (code == 1)
 
 
+def test_the_run_of_another_law_becomes_a_baseline_of_its_own(tmp_path: Path, told: Any):
+    table = table_of(tmp_path / "table.npy", "step_z_air", drive="velocity_servo")
+    own = np.load(table)
+    words = "serve", "step_z_air", "--lockstep", "--drive", "velocity_servo", "--baselines", tmp_path / "mine"
+    accept = "--update", "--reason", "first"
+    stored = tmp_path / "mine" / "step_z_air" / "velocity_servo.toml"
+    for gain, options, code, said in (
+        (0.7, accept, 0, f"  written    {stored}"),
+        (0.7, ["--check"], 0, "All as it was: 1 experiment, 1 drive"),
+        (1.0, ["--check"], 1, "Deviates: "),
+        (1.0, accept, 0, "Deviates: "),
+        (1.0, ["--check"], 0, "All as it was: 1 experiment, 1 drive"),
+    ):
+        np.save(table, gain * own)
+        told(table=table)
+        done = twin(*words, *options, "--out", tmp_path / f"run {code} {gain} {len(options)} {said[:3]}", cwd=ROOT)
+        assert done.returncode == code, done.stderr
+        assert said in done.stdout
+    assert [entry.reason for entry in read_baseline(stored).history] == ["first", "first"]
+
+
 def test_without_cyclone_dds_the_command_names_the_package(tmp_path: Path, told: Any, monkeypatch: pytest.MonkeyPatch):
     told()
     monkeypatch.setattr("twin.cli.serve.find_spec", lambda name: None)
@@ -351,7 +373,11 @@ def test_a_watchdog_may_have_infinite_time(tmp_path: Path, told: Any):
         (["--command-topic", "speeds"], "--command-topic speeds: expected a topic that begins with /"),
         (["--command-topic", "/my speeds"], "--command-topic /my speeds: expected a topic that begins with /"),
         (["--lockstep", "--answer-s", "0"], "--answer-s 0: expected a time > 0 s"),
-        (["--baselines", "x"], "--baselines: needs --check"),
+        (["--baselines", "x"], "--baselines: needs --check or --update"),
+        (["--update", "--reason", "x"], "--update: needs --lockstep"),
+        (["--lockstep", "--update", "--reason", "x"], "--update: expected --baselines DIR --reason"),
+        (["--lockstep", "--update", "--baselines", "x"], "--update: expected --baselines DIR --reason"),
+        (["--lockstep", "--reason", "x"], "--update: expected --baselines DIR --reason"),
     ],
 )
 def test_options_that_do_not_fit_are_refused_in_a_sentence(tmp_path: Path, told: Any, words: list[str], said: str):

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
+from datetime import date
 from pathlib import Path
 from typing import Any, Self
 
@@ -33,7 +34,7 @@ from twin.robot.live.runs import live_server, record_run, run_facts
 from twin.robot.remote import COMMAND_PORTS, SAMPLE_PORTS, RemoteController, RemoteLink
 from twin.robot.run.cost import refuse_endless
 from twin.robot.run.trace import Trace
-from twin.studies.check.baseline import OWN_DRIVE, Baseline, baseline_folder_of
+from twin.studies.check import baseline as stored
 from twin.studies.check.job import stored_baseline
 
 WIRE_JOB = "twin.studies.serve.exchange:exchange"
@@ -241,6 +242,7 @@ def served_run(
     isolate_drives: bool = False,
     limit_step: float = JobLimits.step,
     check: bool = False,
+    accept: str = "",
     baselines: str | None = None,
     sure: bool = False,
     live: Mapping[str, Any] | None = None,
@@ -254,6 +256,7 @@ def served_run(
         experiment, settings, drive, body, out, isolate_drives, limit_step, sure: see `recorded_runs`.
         options: fields of `ServeOptions`; a watchdog of None is `WATCHDOG_PERIODS`.
         check: whether to compare the measures with their baseline, in the folder `baselines`.
+        accept: reason for which they become the baseline instead; "" to leave it as it is.
         live: port and origins of a live server; None for none.
 
     Returns:
@@ -271,12 +274,15 @@ def served_run(
     factor = None if asked.lockstep else 1.0
     if not sure:
         refuse_endless([loaded], factor)
-    baseline, trace = None, None
+    baseline, file, named = None, experiment_file(Path(experiment)), drive or stored.OWN_DRIVE
+    # absolute, as an FMU may change the working directory
+    folder = (Path(baselines) if baselines else stored.baseline_folder_of(file, update=False)).absolute()
+    trace = Trace() if check or accept else None
+    # a missing or damaged baseline is refused before anything is served
     if check:
-        # a missing baseline is refused before anything is served
-        file, trace = experiment_file(Path(experiment)), Trace()
-        folder = Path(baselines) if baselines else baseline_folder_of(file, update=False)
-        baseline = stored_baseline(folder, file, drive or OWN_DRIVE)
+        baseline = stored_baseline(folder, file, named)
+    elif accept:
+        baseline = stored.known_baseline(folder, file.stem, named)
 
     def say(text: str) -> None:
         reporter.note(line=text)
@@ -300,8 +306,10 @@ def served_run(
         wire.finish()
     done: dict[str, Any] = {"text": "", "exit_code": 0}
     served = robot.facts
-    if baseline and trace and not robot.enough and not robot.answer_error:
-        done, served["check"] = _compare(loaded, drive or OWN_DRIVE, baseline, trace)
+    if trace and not robot.enough and not robot.answer_error:
+        accepted = accept and (loaded.faults or not run.trip)
+        store = stored.baseline_file(folder, file.stem, named) if accepted else None
+        done, served["check"] = _compare(loaded, named, baseline, trace, store, accept)
     facts = run_facts(loaded, run)
     reporter.note(run=facts | {"served": {"lines": exchange_lines(served), "facts": served}})
     if robot.enough:
@@ -342,11 +350,14 @@ def exchange_lines(facts: Mapping[str, Any]) -> list[str]:
 
 
 def _compare(
-    experiment: Experiment, drive: str, baseline: Baseline, trace: Trace
+    experiment: Experiment, drive: str, baseline: stored.Baseline | None, trace: Trace, store: Path | None, reason: str
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Compare a completed run with its baseline. Return (text and exit code, facts).
 
     A measure that is undefined for this run deviates, since the baseline has a value.
+
+    Args:
+        store: baseline file to be replaced by the run's measures for `reason`; None to replace none.
     """
     from twin.kernel.serialise import to_dict
     from twin.robot.assembly.roles import third_party_parts
@@ -357,7 +368,15 @@ def _compare(
 
     signals = recorded_signals(experiment, trace, planned_drives(experiment), third_party_parts(experiment))
     try:
-        found = verdict(experiment, drive, baseline, measure_signals(experiment, signals))
+        now = measure_signals(experiment, signals)
     except InputRefused as undefined:
         return {"text": f"Deviates: {undefined}", "exit_code": 1}, {"undefined": str(undefined)}
-    return {"text": render_text(check_result([found], [])), "exit_code": int(bool(found.deviations))}, to_dict(found)
+    found = verdict(experiment, drive, baseline, now)
+    text = render_text(check_result([found], []))
+    if store is None:
+        return {"text": text, "exit_code": int(bool(found.deviations))}, to_dict(found)
+    entry = stored.HistoryEntry(date=date.today().isoformat(), reason=reason)
+    history = (*(baseline.history if baseline else ()), entry)
+    after = stored.baseline_of(experiment, drive, now, history, baseline)
+    stored.write_baseline(store, stored.baseline_text(after))
+    return {"text": f"{text}\n  written    {store}", "exit_code": 0}, to_dict(found)
