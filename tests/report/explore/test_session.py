@@ -108,9 +108,9 @@ def test_a_proposal_is_shown_and_accepted_only_as_it_was_shown():
         assert (facts["watches"], facts["proposal"]) == ("", text)
         explorer.until(lambda _: subscribed(viewer))
         rows = {name: np.full((1, sum(port.size for port in ports)), 1.0) for name, ports in TOPICS.items()}
-        viewer.show(np.array([12_300_000_000]), rows, [Happening(12.3, "robot and twin have parted")])
+        viewer.show(np.array([12_300_000_000]), rows, [Happening(12.3, "robot and twin diverge")])
         facts = explorer.until(lambda facts: facts["events"] and len(facts["curves"]) == 2)
-        assert facts["events"] == ["12.3 s  robot and twin have parted"]
+        assert facts["events"] == ["12.3 s  robot and twin diverge"]
         newest = {name: curve[-1] for name, curve in forces(facts).items()}
         assert newest == {"robot, by its counts": -1.0, "twin": -1.0}
         # what the page shows is not what is open by now

@@ -16,7 +16,7 @@ from twin.report.page.markup import DataBlock
 from twin.report.page.page import write_report
 from twin.report.page.panels import scene
 from twin.report.page.run import ReportRun
-from twin.report.page.session_sections import even_samples, predicted_samples
+from twin.report.page.session_sections import even_samples, predicted_samples, session_verdict
 from twin.studies.shadow import study
 from twin.studies.shadow.alarm import CHANNELS, Tolerances
 
@@ -62,7 +62,7 @@ def test_the_page_has_residuals_alarms_with_evidence_gaps_and_punctuality(sessio
     assert joint[1:5] == [
         "deg", f"{np.mean(r):+.3g}", f"{np.sqrt(np.mean(r**2)):.3g}", f"{r[np.argmax(np.abs(r))]:+.3g}"
     ]  # fmt: skip
-    (alarm,) = (row for row in cells(html, "alarms") if row[1] == "robot and twin have parted")
+    (alarm,) = (row for row in cells(html, "alarms") if row[1] == "robot and twin diverge")
     facts = json.loads((session / "shadow.json").read_text())["alarm_states"]
     evidence = [f"{facts[0]['size']:+.3g} ", f"{facts[0]['since_s']:.3f} s", f"{facts[0]['level']:.2f}"]
     assert alarm[2:6] == ["spread", *evidence]
@@ -110,6 +110,23 @@ def test_the_player_has_the_robot_by_its_counts_and_the_plant_model_over_it(sess
     # where the encoder has jumped the two part: 0.3 deg of a link of 50 mm and more
     parted = np.linalg.norm(columns[first : first + 3] - columns[:3], axis=0)
     assert np.median(parted[t > 3.5]) > 0.25 > 0.1 > np.median(parted[(t > 1.0) & (t < 3.0)])
+
+
+@pytest.mark.parametrize(
+    ("kind", "states", "good"), [("diverge", None, False), ("diverge", [], False), ("not watched", None, None)]
+)
+def test_the_page_has_the_verdict_of_a_session_without_an_alarm(
+    session: Path, tmp_path: Path, kind: str, states: list[object] | None, good: bool | None
+):
+    text = "the last word of the session"
+
+    def judged(name: str, entries: dict[str, str]) -> dict[str, str]:
+        facts = {"alarm_states": states, "verdict": kind, "verdict_text": text}
+        return {"facts": json.dumps(json.loads(entries["facts"]) | facts)} if name == "followed" else entries
+
+    sealed(with_metadata(data_records(session / "run.mcap"), judged), tmp_path / "run.mcap")
+    verdict = session_verdict([ReportRun("", read(tmp_path))])
+    assert verdict.headline.endswith(text) and verdict.good is good
 
 
 @pytest.mark.parametrize(

@@ -96,6 +96,8 @@ class SessionFacts(_RecordedModel):
     in_hand_p99_s: float | None
     in_hand_largest_s: float
     alarm_states: list[StateChange] | None
+    verdict: str = ""
+    verdict_text: str = ""
     notes: list[str]
 
 
@@ -214,20 +216,24 @@ SESSION_PANELS = (
 
 
 def session_verdict(runs: Sequence[ReportRun]) -> PageVerdict:
-    """Judge recorded sessions with a robot; the headline begins with their alarms."""
-    clauses, alarms, others, watched = [], list[str](), list[str](), True
+    """Judge recorded sessions with a robot; the headline begins with their alarms and other verdicts."""
+    clauses, alarms, others, kinds = [], list[str](), list[str](), set[str]()
     for run in runs:
         facts, note = session_facts(run), run.recording.note
         own = [one for one in (facts.alarm_states or () if facts else ()) if one.alarm]
-        how = f"{count_text(len(own), 'alarm')}, the first at {own[0].t_s:.1f} s" if own else "no alarm"
-        if facts is None or facts.alarm_states is None:
-            watched, how = False, "no fleet was given, so that nothing raised an alarm" if facts else "not to its end"
+        if own:
+            how = f"{count_text(len(own), 'alarm')}, the first at {own[0].t_s:.1f} s"
+        elif facts:
+            how = "no alarm" if facts.verdict == "match" else facts.verdict_text
+        else:
+            how = "not to its end"
+        kinds.add(facts.verdict if facts else "")
         clauses.append(f"followed {_source(run)} for {run.end:.1f} s, {how}")
         alarms += [one.text for one in own]
         others += [*([note] if note else []), *(facts.notes if facts else ())]
     headline = "; ".join(clauses)
     unfinished = any(run.recording.note for run in runs)
-    good = False if alarms or unfinished else True if watched else None
+    good = False if alarms or unfinished or "diverge" in kinds else True if kinds == {"match"} else None
     remarks = tuple(dict.fromkeys([*alarms, *others]))
     return PageVerdict(headline[0].upper() + headline[1:], good, remarks, (), None, None)
 
@@ -288,7 +294,7 @@ def alarms(run: ReportRun) -> Markup:
     if facts is None:
         return element("p", UNFINISHED_TEXT)
     if facts.alarm_states is None:
-        return element("p", "No fleet of healthy robots was given (--fleet), so that nothing raised an alarm.")
+        return element("p", "The alarm was off.")
     if not facts.alarm_states:
         return element("p", "None; the watch was listening all the time.")
     rows = []
@@ -297,7 +303,7 @@ def alarms(run: ReportRun) -> Markup:
         off = "" if one.size is None else f"{one.size:+.3g} {unit}"
         level = "" if one.level is None else f"{one.level:.2f}"
         since = "" if one.since_s is None else time_button(one.since_s)
-        state = element("span", "robot and twin have parted", class_="bad") if one.alarm else one.state
+        state = element("span", "robot and twin diverge", class_="bad") if one.alarm else one.state
         rows.append(
             (time_button(one.t_s), state, one.channel, off, since, level, "" if off else one.text.partition(": ")[2])
         )
