@@ -151,9 +151,7 @@ class SharedRing:
                 return None
             patience = timespec(min(left, SLEEP_INTERVAL))
             _wait(self._kernel.ctypes.data, self.address, self.number, patience.ctypes.data)
-        behind = self.unread_entries - (CAPACITY - 1)
-        if behind > 0:
-            self.lost, self.number = self.lost + behind, self.number + behind
+        self._drop_overwritten()
         self.number += 1
         place = (self.number - 1) % CAPACITY
         number, tick, written, tag = self._heads[place].tolist()
@@ -161,7 +159,23 @@ class SharedRing:
 
     def pop_all(self) -> list[MailboxEntry]:
         """Read all entries of the ring that are there now, without waiting."""
-        return [one for _ in range(self.unread_entries) if (one := self.pop()) is not None]
+        heads, values = self.pop_arrays()
+        return [
+            MailboxEntry(number, tick, written, tag, one)
+            for (number, tick, written, tag), one in zip(heads.tolist(), values, strict=True)
+        ]
+
+    def pop_arrays(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Read all entries that are there now as arrays: number, tick, time and tag (n, 4), and values (n, width)."""
+        self._drop_overwritten()
+        places = (self.number + np.arange(self.unread_entries)) % CAPACITY
+        self.number += len(places)
+        return self._heads[places], self._values[places]
+
+    def _drop_overwritten(self) -> None:
+        behind = self.unread_entries - (CAPACITY - 1)
+        if behind > 0:
+            self.lost, self.number = self.lost + behind, self.number + behind
 
 
 def ring_size(values: int) -> int:

@@ -96,7 +96,8 @@ class Recorder(EventLog):
 
     `drawings` returns (topic, tick, rows) of each drawing for the tick of a block's first row and its rows. `changed`
     returns the first manual change during the run, "" before it, recorded as metadata. `writing` is the wall time spent
-    (s). With `background`, a thread of its own writes: in a paced run a block takes longer than a tick.
+    (s). `block` is the number of ticks written together. With `background`, a thread of its own writes: in a paced run
+    a block takes longer than a tick.
     """
 
     def __init__(
@@ -106,8 +107,10 @@ class Recorder(EventLog):
         drawings: Drawings = lambda first, rows: (),
         changed: Callable[[], str] = str,
         background: bool = False,
+        block: int = BLOCK_TICKS,
     ):
         super().__init__()
+        self._block_ticks = block
         self._queue: SimpleQueue[Callable[[Writer], None] | None] = SimpleQueue()
         self._failure: BaseException | None = None
         self.thread = Thread(target=self._work, name="recorder", daemon=True) if background else None
@@ -183,7 +186,7 @@ class Recorder(EventLog):
         return f"{failure}\nRecorded until then: {self._writer.abandon()} ({until:.3f} s)."
 
     def _new_block(self, first: int) -> RowBlock:
-        return RowBlock(BLOCK_TICKS, self._simulation.system.outputs_width, first)
+        return RowBlock(self._block_ticks, self._simulation.system.outputs_width, first)
 
     def _end_block(self) -> None:
         """Write the present block, and begin the next one."""

@@ -67,7 +67,7 @@ DERIVATIVE_STEPS = np.array([1e-7] * 3 + [1e-5] * 3 + [1e-7] * 2)
 """Steps of the numerical derivatives: m, m/s, and m of the bristle."""
 PRESSED_DEPTH = 1e-3
 """Depth (m) of the platform in the surface for the evaluation of the poles in contact."""
-SLICE_TICKS = BLOCK_TICKS
+SLICE_TICKS, SERVED_SLICE_TICKS = BLOCK_TICKS, 5 * BLOCK_TICKS
 SUMMARY_FILE = "summary.json"
 SERVED_KEY = "served"
 """Metadata of a recording whose drives a remote controller commanded."""
@@ -330,7 +330,8 @@ def _execute_and_record(
         described |= continuation_metadata(state)
     with Writer(path, topics, system.tick, described, scene.forms) as writer, ExitStack() as stack:
         paced = pace is not None and remote is not None
-        recorder = Recorder(writer, streams, scene.drawings, lambda: tuning.first, background=paced)
+        block = SERVED_SLICE_TICKS if paced else SLICE_TICKS
+        recorder = Recorder(writer, streams, scene.drawings, lambda: tuning.first, paced, block)
         stack.callback(recorder.stop)
         if recorder.thread:
             share_priority(recorder.thread.native_id or 0)
@@ -341,7 +342,7 @@ def _execute_and_record(
         observers: list[Observer] = [*first, *lasting.values(), ProgressObserver(progress, last_tick + 1)]
         observers += [pace] if pace else []
         observers += [ViewerObserver(viewer, streams, scene, tuning)] if viewer else []
-        slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS
+        slice_ticks = pace.slice_ticks(block) if pace else block
         branches = state is not None and state.branch
         # a branch does not inherit changes made by hand in its parent run
         going_on = {name: one for name, one in lasting.items() if not branches or one is not tuning}

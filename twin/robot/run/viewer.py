@@ -18,7 +18,7 @@ from twin.robot.scene import Scene
 if TYPE_CHECKING:
     from twin.robot.remote import RemoteLink
 
-SLICE_TIME, SERVED_SLICE_TIME = 0.01, 0.05
+SLICE_TIME, SERVED_SLICE_TIME = 0.01, 0.25
 """Wall time (s) of a slice of a paced run: short for a user who turns a knob, long compared with its overhead. In a
 served run, whose samples the Python code between two slices may delay, it is longer."""
 SERVED_WAIT = 2e-4

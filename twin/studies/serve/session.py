@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twin.kernel.cosim.deadlines import Deadlines
 from twin.kernel.cosim.observers import Observer, TickEvent
@@ -20,7 +21,7 @@ from twin.kernel.errors import ComponentFailed, EndRequest, InputRefused, Safety
 from twin.kernel.process.black_box import exit_phrase
 from twin.kernel.process.guard import POLL_INTERVAL, JobFailure, raise_failure
 from twin.kernel.process.job import JobLimits, recording_status
-from twin.kernel.process.mailbox import OBEYED_TAG, Mailbox, MailboxEntry
+from twin.kernel.process.mailbox import OBEYED_TAG, Mailbox
 from twin.kernel.process.process import GuardedProcess
 from twin.kernel.process.real_time import SOURCE_PRIORITY, real_time
 from twin.kernel.process.reporter import Reporter
@@ -204,21 +205,21 @@ class ServedRobot(Observer):
             events.append(TickEvent(min(max(tick, first), last) if tick >= 0 else last, "WARNING", text, "wire"))
         self._wire.events.clear()
         events.sort(key=lambda event: event.tick)
-        if commands := self._wire.mailbox.commands.pop_all():
-            self._record(commands, last)
+        heads, speeds = self._wire.mailbox.commands.pop_arrays()
+        if len(heads):
+            self._record(heads, speeds, last)
 
-    def _record(self, commands: Sequence[MailboxEntry], last: int) -> None:
-        ticks = []
-        for one in commands:
-            at = float(one.tick if one.tick >= 0 else last)
-            if self._deadlines:
-                pace = self._deadlines.memory[0]
-                at = (one.time - int(pace["begun"])) / float(pace["tick"])
-            self._newest = max(at, self._newest + MIN_COMMAND_GAP)
-            ticks.append(self._newest)
-        rows = [[*one.values, one.number, one.tick, one.tag == OBEYED_TAG] for one in commands]
-        times, values = np.array(ticks), np.array(rows, dtype=float)
-        self._recorder.call(lambda writer: writer.write_at(COMMANDS_TOPIC.name, times, values))
+    def _record(self, heads: NDArray[np.int64], speeds: NDArray[np.float64], last: int) -> None:
+        numbers, ticks, written, tags = heads.T
+        times = np.where(ticks >= 0, ticks, last).astype(float)
+        if self._deadlines:
+            pace = self._deadlines.memory[0]
+            times = (written - int(pace["begun"])) / float(pace["tick"])
+        gaps = MIN_COMMAND_GAP * np.arange(1, len(times) + 1)
+        times = gaps + np.maximum.accumulate(np.maximum(times - gaps, self._newest))
+        self._newest = float(times[-1])
+        rows = np.column_stack([speeds, numbers, ticks, tags == OBEYED_TAG])
+        self._recorder.call(lambda writer: writer.write_at(COMMANDS_TOPIC.name, times, rows))
 
     def _check(self) -> None:
         self._wire.poll()
