@@ -4,7 +4,6 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterator
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -135,7 +134,7 @@ def test_a_watchdog_stops_the_motors_to_the_tick_and_new_commands_start_them_aga
     assert (commanded[200:260] == 0.3).all() and (commanded[260:] == 0.0).all()
     np.testing.assert_allclose(run.held("remote.age")[[50, 98, 99, 159, 200]], [0.0, 0.048, 0.0, 0.06, 0.0])
     assert [tick for tick, _ in messages] == [159, 200, 260]
-    written = iter(partial(ends[1].samples.pop, 0.0), None)
+    written = iter(ends[1].samples.pop, None)
     assert [(one.tick, one.values[-1]) for one in written if one.tick in (98, 100)] == [
         (98, pytest.approx(0.048)), (100, pytest.approx(0.001)),
     ]  # fmt: skip
@@ -242,7 +241,7 @@ def test_a_fault_of_the_controllers_messages_is_one_of_the_remote_controllers(en
 def test_samples_have_what_a_robot_measures(ends: tuple[Mailbox, Mailbox]):
     experiment = shipped(FORCE, "duration_s=0.05")
     run = real_time(experiment, RemoteLink(ends[0]), {}, ends[1]).run
-    samples = ends[1].samples.pop_all()
+    samples = list(iter(ends[1].samples.pop, None))
     assert [one.tick for one in samples] == list(range(0, 51, 2)) and len({one.tag for one in samples}) == 1
     for one in samples:
         measured = by_port(SAMPLE_PORTS, one.values)

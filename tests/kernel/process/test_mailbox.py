@@ -23,7 +23,7 @@ def test_entries_arrive_in_order_with_tick_tag_and_time(ends: tuple[Mailbox, Mai
     here, there = ends
     before = time.monotonic_ns()
     assert [here.samples.put(k, [k, -k], tag=7 + k) for k in range(3)] == [1, 2, 3]
-    found = there.samples.pop_all()
+    found = list(iter(there.samples.pop, None))
     assert [(one.number, one.tick, one.tag) for one in found] == [(1, 0, 7), (2, 1, 8), (3, 2, 9)]
     assert [one.values.tolist() for one in found] == [[0.0, 0.0], [1.0, -1.0], [2.0, -2.0]]
     assert before <= found[0].time <= found[2].time <= time.monotonic_ns()
@@ -44,10 +44,11 @@ def test_a_late_reader_loses_the_oldest_entries_and_counts_them(ends: tuple[Mail
     here, there = ends
     for k in range(CAPACITY + 10):
         here.samples.put(k, [k, 0.0])
-    found = there.samples.pop_all()
+    heads, values = there.samples.pop_arrays()
     # one entry less than the capacity: the writer may be overwriting the oldest
-    assert there.samples.lost == 11 and len(found) == CAPACITY - 1
-    assert found[0].tick == 11 and found[-1].tick == CAPACITY + 9
+    assert there.samples.lost == 11 and len(heads) == len(values) == CAPACITY - 1
+    assert heads[0, 1] == values[0, 0] == 11 and heads[-1, 1] == values[-1, 0] == CAPACITY + 9
+    assert there.samples.pop() is None
 
 
 def test_a_sleeping_reader_is_woken(ends: tuple[Mailbox, Mailbox]):

@@ -157,14 +157,6 @@ class SharedRing:
         number, tick, written, tag = self._heads[place].tolist()
         return MailboxEntry(number, tick, written, tag, self._values[place].copy())
 
-    def pop_all(self) -> list[MailboxEntry]:
-        """Read all entries of the ring that are there now, without waiting."""
-        heads, values = self.pop_arrays()
-        return [
-            MailboxEntry(number, tick, written, tag, one)
-            for (number, tick, written, tag), one in zip(heads.tolist(), values, strict=True)
-        ]
-
     def pop_arrays(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Read all entries that are there now as arrays: number, tick, time and tag (n, 4), and values (n, width)."""
         self._drop_overwritten()

@@ -46,16 +46,7 @@ from twin.robot.run.handover import BranchPoint
 from twin.robot.run.measures import with_units
 from twin.robot.run.outcome import HeldForces, RunOutcome
 from twin.robot.run.trace import streams_of
-from twin.robot.run.viewer import (
-    SERVED_SLICE_TIME,
-    SERVED_WAIT,
-    SLICE_TIME,
-    Pace,
-    Punctuality,
-    RemoteSide,
-    Viewer,
-    ViewerObserver,
-)
+from twin.robot.run.viewer import Pace, Punctuality, RemoteSide, Viewer, ViewerObserver
 from twin.robot.run.watch import run_observers
 from twin.robot.scene import Scene
 
@@ -291,8 +282,7 @@ def execute(
     path = make_folder(Path(folder)) / RECORDING_FILE
     link = remote.link if remote else None
     with assemble(experiment, substitutes, maker, state.alive if state else {}, link) as assembly:
-        times = (SERVED_SLICE_TIME, SERVED_WAIT) if remote else (SLICE_TIME,)
-        pace = Pace(factor, assembly.system.tick, *times) if factor else None
+        pace = Pace(factor, assembly.system.tick, remote is not None) if factor else None
         run = _execute_and_record(experiment, assembly, path, progress, timed, pace, viewer, state, remote)
         summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}
         # in the summary only: the recording is shared, and paths of this machine are private

@@ -101,12 +101,13 @@ class Punctuality:
 class Pace(Observer):
     """Observer that paces a simulation at `factor` times real time, > 0.
 
-    The simulated `tick`, and the wall times `tick_time` and `slice_time` of a tick and of a slice, and `shortest`
-    between two deadlines, are in s.
+    The simulated `tick`, and the wall time `tick_time` of a tick, are in s. `served`: whether a remote controller
+    commands the robot.
     """
 
-    def __init__(self, factor: float, tick: float, slice_time: float = SLICE_TIME, shortest: float = MIN_WAIT):
-        self._factor, self._slice_time = factor, slice_time
+    def __init__(self, factor: float, tick: float, served: bool = False):
+        self._factor = factor
+        self._slice_time, shortest = (SERVED_SLICE_TIME, SERVED_WAIT) if served else (SLICE_TIME, MIN_WAIT)
         self.tick_time = tick / factor
         self.deadlines = Deadlines(self.tick_time, clock_functions(), shortest)
 

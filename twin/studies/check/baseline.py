@@ -215,6 +215,16 @@ def baseline_text(baseline: Baseline) -> str:
     return tomlkit.dumps(text)
 
 
+def accepted_text(
+    experiment: Experiment, drive: str, now: Measurement, before: Baseline | None, date: str, reason: str
+) -> str:
+    """Return the text of the baseline after a measurement is accepted for `reason`; "" if only the history differs."""
+    history = before.history if before else ()
+    after = baseline_of(experiment, drive, now, (*history, HistoryEntry(date=date, reason=reason)), before)
+    same = before is not None and baseline_text(before) == baseline_text(after.model_copy(update={"history": history}))
+    return "" if same else baseline_text(after)
+
+
 def write_baseline(file: Path, text: str) -> None:
     make_folder(file.parent)
     write_text(file, text)

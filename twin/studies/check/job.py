@@ -186,14 +186,8 @@ def _outcome(pair: Pair, date: str, reason: str) -> CheckOutcome:
         return CheckOutcome(pair, verdict(experiment, pair.drive, before, now))
     known = stored.known_baseline(folder, file.stem, pair.drive)
     experiment, now = measure_with_drive(file, pair.drive)
-    history = known.history if known else ()
-    after = stored.baseline_of(
-        experiment, pair.drive, now, (*history, stored.HistoryEntry(date=date, reason=reason)), known
-    )
-    same = known is not None and stored.baseline_text(known) == stored.baseline_text(
-        after.model_copy(update={"history": history})
-    )
-    return CheckOutcome(pair, verdict(experiment, pair.drive, known, now), "" if same else stored.baseline_text(after))
+    text = stored.accepted_text(experiment, pair.drive, now, known, date, reason)
+    return CheckOutcome(pair, verdict(experiment, pair.drive, known, now), text)
 
 
 def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> list[CheckOutcome]:

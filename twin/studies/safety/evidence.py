@@ -27,8 +27,7 @@ Stages = Callable[[str, tuple[float, float]], Stage]
 Origin = Literal["grid", "search", "draw"]
 """Origin of a run: the grid of all causes, the search for a worse case, or a random draw."""
 Status = Literal["kept", "kept unseen", "exceeded", "exceeded as stated", "failed"]
-"""Judgement of a line; "unseen" if the monitor detects no run, "as stated" if the table says why its limit is
-exceeded."""
+"""Judgement of a line; "unseen" if the monitor detects no run, "as stated" if the table explains the excess."""
 GOOD_STATUSES = ("kept", "kept unseen")
 """Judgements of a line within its limit."""
 

@@ -85,7 +85,7 @@ class FreeExchange:
                 self._published.pop(next(iter(self._published)), None)
         speeds, age, newer = entry.values[_COMMANDED_SPEEDS], float(entry.values[_AGE][0]), entry.tag != self._applied
         if newer or not np.array_equal(speeds, self._speeds, equal_nan=True):
-            # a command may act from a tick before that of the sample
+            # a command may take effect between two samples
             self._wire.write_applied(stamp - (round(1e9 * age) if newer else 0), speeds)
         if newer:
             self._applied = entry.tag

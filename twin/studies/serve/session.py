@@ -376,8 +376,7 @@ def _compare(
     text = render_text(check_result([found], []))
     if store is None:
         return {"text": text, "exit_code": int(bool(found.deviations))}, to_dict(found)
-    entry = stored.HistoryEntry(date=date.today().isoformat(), reason=reason)
-    history = (*(baseline.history if baseline else ()), entry)
-    after = stored.baseline_of(experiment, drive, now, history, baseline)
-    stored.write_baseline(store, stored.baseline_text(after))
-    return {"text": f"{text}\n  written    {store}", "exit_code": 0}, to_dict(found)
+    if after := stored.accepted_text(experiment, drive, now, baseline, date.today().isoformat(), reason):
+        stored.write_baseline(store, after)
+        text += f"\n  written    {store}"
+    return {"text": text, "exit_code": 0}, to_dict(found)

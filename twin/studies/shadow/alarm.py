@@ -276,7 +276,7 @@ class ShadowWatch:
         first = len(self.changes)
         if self.state is WatchState.NOT_WATCHED:
             if t - BLOCK_LENGTH < self.changes[-1].t:
-                # the rest of the block in which samples ended
+                # the samples ended within this block
                 return []
             self._change_state(WatchEvent(t, self._interrupted))
         means = np.asarray(means, dtype=float)

@@ -18,7 +18,7 @@ FAILURE_MISS = 10.0
 
 
 class Surface(NamedTuple):
-    """A surface on which the experiment itself is run with a drive; its stiffness (N/m) is the file's if None."""
+    """Surface for a run of the experiment with a drive; a stiffness (N/m) of None is the file's."""
 
     drive: str
     stiffness: float | None = None
