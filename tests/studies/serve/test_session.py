@@ -227,15 +227,20 @@ def test_ctrl_c_in_real_time_ends_with_a_whole_recording(tmp_path: Path, told: A
     assert 0.5 < end < 19.0 and out.startswith(f"fig4_force_position  {end:g} s at")
 
 
+def wait_until_recorded(partial: Path, t: float) -> None:
+    """Wait until an unfinished recording reaches the time `t` (s), at most a minute after it begins."""
+    wait_for(partial)
+    began = time.monotonic()
+    while (last_time(partial) or 0.0) < t:
+        assert time.monotonic() - began < 60.0
+        time.sleep(0.1)
+
+
 def test_a_killed_run_is_readable_to_its_last_second(tmp_path: Path, told: Any):
     told()
     running = process(tmp_path, "serve", "fig4_force_position", "--out", tmp_path / "run")
     partial = tmp_path / "run" / "run.mcap.partial"
-    wait_for(partial)
-    began = time.monotonic()
-    while (last_time(partial) or 0.0) < 2.0:
-        assert time.monotonic() - began < 60.0
-        time.sleep(0.1)
+    wait_until_recorded(partial, 2.0)
     before = last_time(partial) or 0.0
     time.sleep(1.5)
     os.kill(running.pid, signal.SIGKILL)
@@ -251,11 +256,7 @@ def test_a_killed_run_in_lockstep_lost_no_tenth_of_a_second_however_long_an_answ
     few = "--set", "recording.rate=controller", "--set", "controller.period_ms=10"
     running = process(tmp_path, "serve", "fig4_force_position", *SHORT, *few, "--lockstep", "--out", tmp_path / "run")
     partial = tmp_path / "run" / "run.mcap.partial"
-    wait_for(partial)
-    began = time.monotonic()
-    while (last_time(partial) or 0.0) < 0.28:
-        assert time.monotonic() - began < 60.0
-        time.sleep(0.1)
+    wait_until_recorded(partial, 0.28)
     os.kill(running.pid, signal.SIGKILL)
     running.wait()
     assert read(partial, salvage=True).time("plant")[-1] == pytest.approx(0.29)

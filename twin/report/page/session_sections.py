@@ -96,8 +96,8 @@ class SessionFacts(_RecordedModel):
     in_hand_p99_s: float | None
     in_hand_largest_s: float
     alarm_states: list[StateChange] | None
-    verdict: str = ""
-    verdict_text: str = ""
+    verdict: str
+    verdict_text: str
     notes: list[str]
 
 
