@@ -31,10 +31,12 @@ class StandIn:
     Attributes:
         asked: all that it was asked for.
         may: cleared to make it wait.
+        prompt: operations that it answers at once even so.
     """
 
     asked: ClassVar[list[Mapping[str, Any]]] = []
     may = threading.Event()
+    prompt: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, limits: JobLimits):
         self.busy = False
@@ -56,7 +58,7 @@ class StandIn:
             return {"refused": "no such experiment"} if ask["settings"] else {"base": dict(base), "sliders": []}
         if ask["op"] == "save":
             raise ComponentFailed("drive.fmu crashed\nmore")
-        assert self.may.wait(10)
+        assert ask["op"] in self.prompt or self.may.wait(10)
         return {"numbers": [], "block": base64.b64encode(np.arange(3, dtype="<f4").tobytes()).decode()}
 
 
@@ -93,6 +95,13 @@ class Served:
     def link(self, **headers: str) -> ClientConnection:
         given = {"Cookie": self.cookie, "Origin": self.origin} | headers
         return connect(f"ws://127.0.0.1:{self.port}/link", additional_headers=given, compression=None)
+
+
+def head(answer: str | bytes) -> dict[str, Any]:
+    """The JSON of an answer with samples."""
+    assert isinstance(answer, bytes)
+    found: dict[str, Any] = json.loads(answer[4 : 4 + struct.unpack_from("<I", answer)[0]])
+    return found
 
 
 @pytest.fixture
@@ -174,7 +183,7 @@ def test_samples_come_as_floats_behind_the_json(served: Served):
     assert isinstance(answer, bytes)
     (length,) = struct.unpack_from("<I", answer)
     assert length % 4 == 0
-    assert json.loads(answer[4 : 4 + length]) == {"op": "show", "id": 7, "slot": 0, "numbers": []}
+    assert head(answer) == {"op": "show", "id": 7, "slot": 0, "numbers": []}
     assert np.frombuffer(answer, "<f4", offset=4 + length).tolist() == [0.0, 1.0, 2.0]
 
 
@@ -192,7 +201,7 @@ def test_of_requests_that_wait_the_newest_of_each_kind_is_served_and_all_are_ans
         for _ in range(20):
             answer = link.recv(5)
             if isinstance(answer, bytes):
-                ids.append(json.loads(answer[4 : 4 + struct.unpack_from("<I", answer)[0]])["id"])
+                ids.append(head(answer)["id"])
             else:
                 outdated.append(json.loads(answer)["id"])
                 assert json.loads(answer)["outdated"]
@@ -297,6 +306,25 @@ def test_a_page_that_is_closed_sets_no_process_free_that_is_still_at_work(served
             link.recv(0.3)
         StandIn.may.set()
         assert isinstance(link.recv(5), bytes)
+
+
+def test_a_picture_waits_for_no_loops_and_no_scorecard_of_any_page(served: Served, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(StandIn, "prompt", ("show",))
+    with served.link() as one, served.link() as other:
+        for link in (one, other):
+            link.recv(5)
+        StandIn.may.clear()
+        for link in (one, other):
+            for op in ("loops", "score"):
+                link.send(json.dumps({"op": op, "id": 1, "state": {}}))
+        time.sleep(0.2)
+        # of the four one is under way
+        assert len([ask for ask in StandIn.asked if ask["op"] != "begin"]) == 1
+        other.send(json.dumps({"op": "show", "id": 2}))
+        assert head(other.recv(5))["id"] == 2
+        StandIn.may.set()
+        for link in (one, other):
+            assert {head(link.recv(5))["op"] for _ in range(2)} == {"loops", "score"}
 
 
 class OneSession:

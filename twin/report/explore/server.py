@@ -80,6 +80,8 @@ PAGE_OPERATIONS = (
     "describe", "show", "recorded", "runs", "log", "save", "command", "onset", "loops", "score",
 )  # fmt: skip
 """Operations of a page that a process answers."""
+SLOW_OPERATIONS = ("loops", "score")
+"""Operations that take seconds. All pages share one process for them, so that another one is free for the pictures."""
 STUDY_JOB = "twin.studies.command:answer_study"
 RECORD_JOB = "twin.robot.live.runs:recorded_runs"
 FORBIDDEN_TEXT = (
@@ -168,6 +170,7 @@ class ExplorerServer:
         self._processes = [AnsweringProcess(limits) for _ in range(PROCESS_COUNT)]
         self._reports: list[Path] = []
         self._answering: set[asyncio.Task[dict[str, Any]]] = set()
+        self._slow = asyncio.Lock()
         self._pages = 0
         self._ending: asyncio.TimerHandle | None = None
 
@@ -269,15 +272,16 @@ class ExplorerServer:
         return await asyncio.shield(task)
 
     async def _answer(self, ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
-        process = await self._idle.get()
-        try:
-            return await asyncio.to_thread(process.answer, self.base, ask, outdated)
-        except OutdatedAnswer:
-            return {"outdated": True}
-        except TwinError as problem:
-            return {"failed": error_message(problem)}
-        finally:
-            self._idle.put_nowait(process)
+        async with self._slow if ask["op"] in SLOW_OPERATIONS else contextlib.nullcontext():
+            process = await self._idle.get()
+            try:
+                return await asyncio.to_thread(process.answer, self.base, ask, outdated)
+            except OutdatedAnswer:
+                return {"outdated": True}
+            except TwinError as problem:
+                return {"failed": error_message(problem)}
+            finally:
+                self._idle.put_nowait(process)
 
     async def accept(self, ask: Mapping[str, Any]) -> dict[str, Any]:
         """Forward a page's acceptance of proposed parameters to the session's twin."""
@@ -357,7 +361,7 @@ class PageLink:
     def __init__(self, link: ServerConnection, server: ExplorerServer):
         self._link, self._server = link, server
         # separate queues, so that slow requests do not delay the picture
-        self._lanes = {name: RequestQueue() for name in ("", "loops", "score", "accept")}
+        self._lanes = {name: RequestQueue() for name in ("", *SLOW_OPERATIONS, "accept")}
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def attend(self, greeting: Mapping[str, Any]) -> None:
