@@ -1,6 +1,8 @@
 """The rings between a simulation and another process: order, waiting, loss."""
 
 import os
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -9,6 +11,17 @@ import numpy as np
 import pytest
 
 from twin.kernel.process.mailbox import CAPACITY, GIVE_UP_TAG, Mailbox
+
+FIRST_ENTRIES = """
+import os, sys
+from twin.kernel.process.mailbox import Mailbox
+box = Mailbox(os.memfd_create("box"), 2, 3)
+read = []
+sys.addaudithook(lambda event, given: read.append(given[0]) if event in ("open", "import", "ctypes.dlopen") else None)
+box.commands.put(0, [0.0, 0.0, 0.0])
+box.samples.pop(0.001)
+print(read)
+"""
 
 
 @pytest.fixture
@@ -54,8 +67,6 @@ def test_a_late_reader_loses_the_oldest_entries_and_counts_them(ends: tuple[Mail
 def test_a_sleeping_reader_is_woken(ends: tuple[Mailbox, Mailbox]):
     here, there = ends
     found = []
-    # compiled before the clock runs
-    there.commands.pop(0.01)
     reader = threading.Thread(target=lambda: found.append((here.commands.pop(60.0), time.monotonic_ns())))
     reader.start()
     time.sleep(0.1)
@@ -65,6 +76,12 @@ def test_a_sleeping_reader_is_woken(ends: tuple[Mailbox, Mailbox]):
     assert entry is not None
     # it looks every 20 ms at the latest; woken it takes far less
     assert read - entry.time < 15e6
+
+
+def test_the_first_entry_of_a_process_loads_nothing():
+    # it took 20 ms, and under load longer than a robot may be silent
+    done = subprocess.run([sys.executable, "-c", FIRST_ENTRIES], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
 
 
 def test_values_of_another_shape_are_refused(ends: tuple[Mailbox, Mailbox]):

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twin.kernel.compiled.function import carray, njit, pointer_to
-from twin.kernel.compiled.native import entry
+from twin.kernel.compiled.native import address_of, entry
 from twin.kernel.cosim.component import doubles_at
 from twin.kernel.process.black_box import INPUTS_AT
 from twin.kernel.process.shared_memory import (
@@ -123,6 +123,8 @@ class SharedRing:
         self.address = memory.ctypes.data
         self.number = self.lost = 0
         self._kernel, self._info = syscall_numbers(), np.zeros(2, dtype=np.int64)
+        # loaded here: the first call would hold the GIL for tens of milliseconds, while the ring is in use
+        self._write_entry, self._wait_for_entry = _put.native.c_function, _wait.native.c_function
         entries = memory[_ENTRIES_OFFSET : ring_size(values)].view(np.int64).reshape(CAPACITY, HEAD_SIZE + values)
         self._heads, self._values = entries[:, :HEAD_SIZE], entries.view(np.float64)[:, HEAD_SIZE:]
         self._count = memory[:4].view(np.int32)
@@ -138,8 +140,8 @@ class SharedRing:
         given = np.array(values, dtype=np.float64)
         if given.shape != (self.values,):
             raise ValueError(f"values of shape {given.shape}, expected ({self.values},)")
-        kernel, info = self._kernel.ctypes.data, self._info.ctypes.data
-        _put(kernel, info, self.address, self.number, tick, tag, self.values, given)
+        kernel, info = address_of(self._kernel), address_of(self._info)
+        self._write_entry(kernel, info, self.address, self.number, tick, tag, self.values, address_of(given))
         return self.number
 
     def pop(self, timeout: float = 0.0) -> MailboxEntry | None:
@@ -150,7 +152,7 @@ class SharedRing:
             if left <= 0.0:
                 return None
             patience = timespec(min(left, SLEEP_INTERVAL))
-            _wait(self._kernel.ctypes.data, self.address, self.number, patience.ctypes.data)
+            self._wait_for_entry(address_of(self._kernel), self.address, self.number, address_of(patience))
         self._drop_overwritten()
         self.number += 1
         place = (self.number - 1) % CAPACITY

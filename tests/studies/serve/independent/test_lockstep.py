@@ -36,7 +36,7 @@ def test_the_exported_controller_in_c_gives_every_signal_of_a_run_bit_for_bit(na
     own = read(execute(load_experiment(name, CASES[name]), tmp_path / "own").recording)
     served = read(tmp_path / "served")
     samples = len(own["controller.omega_ref"])
-    assert node.communicate(timeout=30)[0].split() == [str(samples), str(samples), "0"]
+    assert node.communicate(timeout=30)[0].split()[:3] == [str(samples), str(samples), "0"]
     assert facts["served"]["commands"] == facts["served"]["samples"] == samples and facts["served"]["deterministic"]
     for key in signals(served, own):
         assert served[key].tobytes() == own[key].tobytes(), key
