@@ -239,7 +239,7 @@ class Runs:
             InputRefused: a part of the robot, a fault or a change does not fit.
         """
         past = self._find_prefix(experiment)
-        if past is None or past.shared is None or past.shared.lacking:
+        if past is None or past.shared is None or not past.shared.make_ready():
             return self._run_from_start(experiment)
         watch = _Watch(self.request, experiment, past.watch)
         later = [fault.onset for fault in experiment.faults] + [change.tick for change in experiment.changes]

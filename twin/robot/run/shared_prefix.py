@@ -5,7 +5,7 @@ first difference, plus the variant's own faults, added as in a branch. Component
 (by faults or scheduled changes) are restored before the next one.
 
 Whether a restored state reproduces the rest of the prefix is checked once per prefix. If it does not, or if a
-component cannot save its state, every run begins at the start: the same numbers, later.
+component cannot save its state, `lacking` states the reason, and `Runs` makes every run from the start.
 """
 
 import math
@@ -54,8 +54,8 @@ def prefix_experiment(experiment: Experiment) -> Experiment:
 class SharedPrefix:
     """The simulated beginning that several variants of a run share, and their runs; `close` it at the end.
 
-    Faults of its experiment never act, see `prefix_experiment`. `lacking` is the reason why runs begin at the start; ""
-    if they share the prefix.
+    Faults of its experiment never act, see `prefix_experiment`. `lacking` is the reason why no run can share it; "" if
+    runs can.
     """
 
     def __init__(self, experiment: Experiment, observers: Sequence[Observer] = ()):
@@ -73,17 +73,19 @@ class SharedPrefix:
         if assembly is not None:
             assembly.close()
 
+    def make_ready(self) -> bool:
+        """Whether variants can continue from the prefix; it is simulated again if the last one ended with a failure."""
+        if not self.lacking and self._assembly is None:
+            self._make()
+        return not self.lacking
+
     def run_variant(self, experiment: Experiment, tick: int, observers: Sequence[Observer]) -> SimulationResult:
-        """Run a variant that equals the shared prefix before `tick`, from the last saved state before it.
+        """Run a variant that equals the shared prefix before `tick`, from the last saved state; it must be ready.
 
         The variant differs from the prefix in faults, scheduled changes and duration only. The simulation's component
         memory is valid until the next run.
         """
-        if not self.lacking and self._assembly is None:
-            self._make()
-        if self.lacking or self._assembly is None:
-            with assemble(experiment) as assembly:
-                return simulate(assembly, experiment.duration_ticks, observers)
+        assert self._assembly is not None
         state = self._states[bisect_right(self._states, tick, key=lambda state: state.tick) - 1]
         for component, memory in self._as_made:
             component.memory[...] = memory

@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.robot.experiment.fault import FAULT_KINDS, NO_END_TICK, Fault
 from twin.studies.faults.cases import Case
-from twin.studies.faults.onsets import CONTACT_FORCE, true_force
+from twin.studies.faults.onsets import true_force
 from twin.studies.faults.reaction import Reaction, reaction
 from twin.studies.faults.stage import Stage
 
@@ -156,7 +156,7 @@ def matrix_rows(stage: Stage, cases: Sequence[Case]) -> Iterator[FaultRow]:
                 target=fault.target,
                 magnitude=case.magnitude,
                 onset=fault.onset * tick,
-                in_contact=bool(force[fault.onset] >= CONTACT_FORCE),
+                in_contact=stage.touches(fault.onset * tick),
                 limit=limit,
                 healthy_peak=float(force[fault.onset :].max()),
                 watched=watched,
