@@ -25,6 +25,7 @@ from twin.studies.replay.samples import RobotSamples, samples_of
 from twin.studies.shadow.alarm import (
     BLOCK_LENGTH,
     CHANNELS,
+    COMMAND_CHANNEL,
     FIRST_BLOCKS,
     SETTLING_TIME,
     Blocks,
@@ -32,9 +33,10 @@ from twin.studies.shadow.alarm import (
     Tolerances,
     WatchEvent,
 )
+from twin.studies.shadow.command_comparison import MIN_TOLERANCE, CommandComparison
 from twin.studies.shadow.deviations import is_identified
 from twin.studies.shadow.filter_steps import Columns, filter_outputs, shadow_of
-from twin.studies.shadow.following import farthest_command, own_controllers
+from twin.studies.shadow.following import own_controllers
 from twin.studies.sweep.plan import Vary, plan_of, read_definition
 
 ZERO_RANGE = 0.05
@@ -163,7 +165,7 @@ def transmit_samples(
 
 def own_commands(twin: Experiment, samples: RobotSamples) -> Columns:
     """Run the twin's own controller on a robot's counts, and return the largest difference of its commands from the
-    robot's; see `farthest_command`.
+    robot's; see `CommandComparison`.
 
     Empty for a third-party controller, and for one with tasks: its point in the program depends on single samples, and
     some are lost.
@@ -173,7 +175,7 @@ def own_commands(twin: Experiment, samples: RobotSamples) -> Columns:
     rows = {"estimator": estimator.rows(samples.t, samples.u[:, :6])} if law else {}
     for part in law:
         rows |= part.feed(samples, rows)
-    return farthest_command(rows)
+    return CommandComparison(twin).feed(samples.t, rows)
 
 
 def block_means(twin: Experiment, samples: RobotSamples) -> tuple[list[float], NDArray[np.float64]]:
@@ -197,6 +199,8 @@ def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
     sigma[there] = np.sqrt(np.nanmean(steps[:, there] ** 2, axis=0) / 2.0)
     tolerance[there] = TOLERANCE_MARGIN * np.nanmax(np.abs(every[:, there]), axis=0)
     names = list(CHANNELS)
+    command = names.index(COMMAND_CHANNEL)
+    tolerance[command] = np.maximum(tolerance[command], MIN_TOLERANCE)
     return Tolerances(dict(zip(names, tolerance.tolist(), strict=True)), dict(zip(names, sigma.tolist(), strict=True)))
 
 

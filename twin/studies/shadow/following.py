@@ -41,6 +41,7 @@ from twin.studies.shadow.alarm import (
     threshold,
     tolerances_at,
 )
+from twin.studies.shadow.command_comparison import CommandComparison
 from twin.studies.shadow.deviations import HealthyDeviation
 from twin.studies.shadow.filter_steps import FilterFeed, shadow_of
 from twin.studies.shadow.layout import OUTPUTS, STATES
@@ -190,11 +191,6 @@ def own_controllers(experiment: Experiment) -> list[OwnController]:
     return [] if "controller" in experiment.stand_ins else [OwnController(experiment)]
 
 
-def farthest_command(rows: Rows) -> Rows:
-    """Find the largest command difference of robot and twin (n,), rad/s; empty without commands."""
-    return {"residual_command": np.abs(rows["residual/command"]).max(axis=1)} if "residual/command" in rows else {}
-
-
 class AlarmWatch:
     """Part of the twin that raises the alarm, with the requested rate of false alarms.
 
@@ -202,16 +198,22 @@ class AlarmWatch:
         limits: tolerances by sampling rate (Hz), chosen by the rate of the first second.
         reidentifier: search for the changed parameter; None for no search.
         caution: begins the text of each alarm.
+        commands: comparison of the robot's commands; None for no comparison.
 
     Attributes:
         why_not: reason why nothing has been watched yet; "" once a block was compared with the reference.
     """
 
     def __init__(
-        self, limits: RateTolerances, per_hour: float, reidentifier: Reidentifier | None = None, caution: str = ""
+        self,
+        limits: RateTolerances,
+        per_hour: float,
+        reidentifier: Reidentifier | None = None,
+        caution: str = "",
+        commands: CommandComparison | None = None,
     ):
         self._limits, self._per_hour, self._blocks = limits, per_hour, Blocks()
-        self._caution = f"{caution}; " if caution else ""
+        self._caution, self._commands = f"{caution}; " if caution else "", commands
         self._watch: ShadowWatch | None = None
         self._first, self._count = list[NDArray[np.float64]](), 0
         self.why_not = f"fewer than {MIN_WATCH_TIME:g} s of samples"
@@ -254,7 +256,9 @@ class AlarmWatch:
         levels, begin, self._t = np.full((len(samples.t), 1), np.nan), 0, float(samples.t[-1])
         if not self._count:
             self._first.append(samples.t)
-        residuals = values_by_port(OUTPUTS, rows["shadow"]) | farthest_command(rows)
+        residuals = values_by_port(OUTPUTS, rows["shadow"])
+        if self._commands is not None:
+            residuals |= self._commands.feed(samples.t, rows)
         for end, means in self._blocks.add_samples(samples.t, residuals):
             at = int(np.searchsorted(samples.t, end))
             levels[begin:at], begin = self._level, at

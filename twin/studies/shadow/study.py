@@ -26,7 +26,8 @@ from twin.studies.precheck import find_experiments, print_latest
 from twin.studies.result import Result
 
 if TYPE_CHECKING:
-    from twin.studies.shadow.alarm import RateTolerances
+    from twin.studies.shadow.command_comparison import CommandComparison
+from twin.studies.shadow.alarm import RateTolerances
 
 SHADOW_FOLDER = Path("results") / "shadow"
 FACTS_FILE = "shadow.json"
@@ -165,7 +166,10 @@ def shadow(
             limits, why = _limits(fleet, experiment, settings, say)
         if not why:
             assert limits is not None
-            watched = AlarmWatch(limits, false_alarms_per_hour, Reidentifier(loaded, wait=not of_now), caution)
+            # a sequence of tasks goes on by single samples, and some are lost
+            commands = CommandComparison(loaded) if loaded.reference is not None else None
+            reidentifier = Reidentifier(loaded, wait=not of_now)
+            watched = AlarmWatch(limits, false_alarms_per_hour, reidentifier, caution, commands)
         beside, viewer = ahead.predicting_part if ahead else None, None
         twin = twin_of(loaded, model, robot.name, watched, adapt, beside, columns)
         if live:
