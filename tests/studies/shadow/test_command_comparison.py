@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests.studies.replay.logs import EXPERIMENTS
 from tests.studies.shadow.false_alarms import counts
@@ -20,13 +21,13 @@ APART = 0.4
 
 def compared(differs: np.ndarray, lost: bool, cuts: tuple[int, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
     """Times and compared differences, `APART` where the commands differ, of a twin whose force loop begins at 1 s."""
-    t = PERIOD * np.arange(N)
+    t: NDArray[np.float64] = PERIOD * np.arange(N, dtype=np.float64)
     kept = np.ones(N, dtype=bool)
     kept[10:400:20] = not lost
     controller = np.zeros((N, width(LAW_OUTPUTS)))
     controller[:, port_slices(LAW_OUTPUTS)["triggered"]] = (t >= TRIGGER)[:, None]
     rows = {"controller": controller[kept], "residual/command": APART * np.outer(differs, [0.0, 1.0, -0.5])[kept]}
-    comparison, t = CommandComparison(TWIN), np.asarray(t[kept], dtype=np.float64)
+    comparison, t = CommandComparison(TWIN), t[kept]
     edges = [0, *cuts, len(t)]
     parts = [
         comparison.feed(t[a:b], {topic: own[a:b] for topic, own in rows.items()})["residual_command"]
