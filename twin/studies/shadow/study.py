@@ -26,8 +26,7 @@ from twin.studies.precheck import find_experiments, print_latest
 from twin.studies.result import Result
 
 if TYPE_CHECKING:
-    from twin.studies.shadow.command_comparison import CommandComparison
-from twin.studies.shadow.alarm import RateTolerances
+    from twin.studies.shadow.alarm import RateTolerances
 
 SHADOW_FOLDER = Path("results") / "shadow"
 FACTS_FILE = "shadow.json"
@@ -132,6 +131,7 @@ def shadow(
     from twin.robot.live.runs import live_server
     from twin.studies.replay.model import model_of
     from twin.studies.shadow.ahead import changed_experiments, session_branches
+    from twin.studies.shadow.command_comparison import CommandComparison
     from twin.studies.shadow.deviations import DEAD_ZONE_KEY, NOT_IDENTIFIED, SPRING_KEY, is_identified
     from twin.studies.shadow.following import AlarmWatch, twin_of
     from twin.studies.shadow.live_view import ShadowViewer
