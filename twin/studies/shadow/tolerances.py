@@ -15,6 +15,7 @@ from twin.kernel.cache_folder import cache_folder
 from twin.robot.paths import PROJECT_FOLDER
 from twin.studies.command import Say, ignore_progress
 from twin.studies.shadow.alarm import RateTolerances, ShadowWatch, Tolerances
+from twin.studies.shadow.command_comparison import MIN_TOLERANCE
 from twin.studies.shadow.fleet import (
     MAX_LOST_SHARE,
     MAX_STAMP_ERROR,
@@ -63,6 +64,7 @@ def fleet_digest(fleet: Fleet) -> str:
         MAX_LOST_SHARE,
         MAX_STAMP_ERROR,
         TOLERANCE_MARGIN,
+        MIN_TOLERANCE,
         PERIOD_FACTORS,
         CHECKED_FAULTS,
     ]
