@@ -21,6 +21,7 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import Fault
 from twin.robot.experiment.schema import WayPoints
 from twin.robot.faults import FaultComponent, MessageFault
+from twin.robot.run.runs import RunRequest, Runs
 from twin.robot.run.shared_prefix import (
     MAX_STATES,
     SharedPrefix,
@@ -93,6 +94,16 @@ def test_nothing_of_a_run_is_left_in_the_next_one():
         np.testing.assert_array_equal(again.values, trace.values)
 
 
+def assert_runs_as_from_the_start(experiment: Experiment) -> None:
+    """`Runs` asks for a past, has none to share, and gives the numbers of a run from the start."""
+    whole = run_in_memory(experiment)
+    with Runs(RunRequest(signals=frozenset(whole.fields()))) as runs:
+        found = runs.run(experiment).trace
+        assert [past.shared is not None and past.shared.lacking != "" for past in runs._pasts] == [True]
+    assert found is not None
+    np.testing.assert_array_equal(found.values, whole.values)
+
+
 def test_a_change_that_acts_later_goes_on_from_the_run_without_it():
     base = pressing(6.5)
     later = pressing(6.5, 'change=[{t_s = 5.508, key = "controller.force.ki_mm_per_N_s", value = 9.0}]')
@@ -111,17 +122,21 @@ def test_rows_before_the_state_are_those_of_the_past():
     np.testing.assert_array_equal(trace.t, whole.t)
 
 
-def test_without_a_state_nothing_is_shared_and_it_is_said():
+def test_without_a_state_it_is_said_and_runs_are_made_from_the_start():
     base = load_experiment(EXPERIMENTS / "pressing.toml", (), "modelica_dc")
-    with closing(SharedPrefix(replace(base, duration_ticks=300))) as past:
+    base = replace(base, duration_ticks=300)
+    with closing(SharedPrefix(base)) as past:
         assert "modelica_dc.fmu (drive_1) has no FMU state" in past.lacking and not past.make_ready()
+    assert_runs_as_from_the_start(with_fault(base, Fault("drive_dead", "drive_1", 200)))
 
 
 def test_an_fmu_that_does_not_restore_what_it_says_is_found_and_shares_nothing(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(FmuStates, "restore_state", lambda self, token: None)
-    with closing(SharedPrefix(pressing(6.5))) as past:
+    base = pressing(6.5)
+    with closing(SharedPrefix(base)) as past:
         assert past.lacking == "a component does not reproduce its numbers from a saved state"
         assert not past.make_ready()
+    assert_runs_as_from_the_start(base)
 
 
 def test_states_are_few_and_freed(monkeypatch: pytest.MonkeyPatch):

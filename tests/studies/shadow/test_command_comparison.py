@@ -68,10 +68,14 @@ def test_a_difference_that_begins_later_than_the_force_loop_is_compared():
 
 
 def test_it_makes_no_difference_how_the_samples_are_cut():
-    for differs in (between(TRIGGER, 2.0), between(0.98, TRIGGER)):
-        _, whole = compared(differs, lost=True)
+    for differs, lost in (
+        (between(TRIGGER, 2.0), True),
+        (between(0.98, TRIGGER), True),
+        (between(TRIGGER, 2.0), False),
+    ):
+        _, whole = compared(differs, lost)
         for cuts in ((1, 2, 300), (480, 481, 482, 483, 500), tuple(range(1, 900))):
-            np.testing.assert_array_equal(compared(differs, lost=True, cuts=cuts)[1], whole)
+            np.testing.assert_array_equal(compared(differs, lost, cuts)[1], whole)
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Comparison of a robot's commands with those of the twin's own controller, while both are at the same point.
+"""Comparison of the commands of a robot and of its twin's controller, until the two controllers diverge.
 
 The force loop begins with a single sample, the first that exceeds its trigger. If samples were lost before, the twin's
 controller may begin it earlier or later than the robot's, since its filtered force is another one. From then on the two
@@ -10,8 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.delay import values_by_port
-from twin.kernel.cosim.port import width
+from twin.kernel.cosim.port import port_slices
 from twin.robot.controller.controller import LAW_OUTPUTS
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.replay.parts import Rows
@@ -21,12 +20,13 @@ MAX_AGREEMENT = 0.05
 MAX_PARTING = 0.05
 """Time (s) that the commands may differ around the trigger; longer means different points."""
 TRIGGER_SPAN = 2.0 * MAX_PARTING
-"""Time (s) after the trigger of the twin's controller in which a difference may come from the trigger."""
+"""Time span (s) after the trigger of the twin's controller in which large differences are left out."""
 MIN_LOST = 1.5
-"""Lost samples, at least, before a different trigger is possible; errors of stamps count as less than one."""
+"""Smallest number of lost samples that may change the trigger; errors of stamps count as less than one sample."""
 MIN_TOLERANCE = 0.01
 """Smallest tolerance of a block's mean (rad/s). A force loop that begins `MAX_PARTING` later has another integral, in
 Fig. 4 by 0.004 rad/s; lost samples add 0.0005 at 500 Hz and 0.003 at 100 Hz."""
+_TRIGGERED = port_slices(LAW_OUTPUTS)["triggered"].start
 
 
 class CommandComparison:
@@ -44,11 +44,9 @@ class CommandComparison:
         self._trigger, self._agreed, self._apart = math.inf, math.nan, False
 
     def feed(self, t: NDArray[np.float64], rows: Rows) -> Rows:
-        """Return "residual_command" (n,), rad/s, at the times `t` (n,), s; empty without commands in `rows`."""
-        if "residual/command" not in rows or not len(t):
-            return {}
+        """Return "residual_command" (n,), rad/s, at the times `t` (n,), s, from the rows of an `OwnController`."""
         residual = np.abs(rows["residual/command"]).max(axis=1)
-        force_on = values_by_port(LAW_OUTPUTS, rows["controller"][:, : width(LAW_OUTPUTS)])["triggered"] > 0.0
+        force_on = rows["controller"][:, _TRIGGERED] > 0.0
         if math.isnan(self._begin):
             self._begin = self._agreed = float(t[0])
         if math.isinf(self._trigger) and force_on.any():
@@ -61,3 +59,11 @@ class CommandComparison:
         residual[differs | apart] = math.nan
         self._agreed, self._apart, self._count = float(agreed[-1]), bool(apart[-1]), self._count + len(t)
         return {"residual_command": residual}
+
+
+def comparison_of(twin: Experiment) -> CommandComparison | None:
+    """Return the comparison of commands for a twin.
+
+    None for a third-party controller, and for a sequence of tasks, whose state depends on single samples.
+    """
+    return None if twin.reference is None or "controller" in twin.stand_ins else CommandComparison(twin)

@@ -33,7 +33,7 @@ from twin.studies.shadow.alarm import (
     Tolerances,
     WatchEvent,
 )
-from twin.studies.shadow.command_comparison import MIN_TOLERANCE, CommandComparison
+from twin.studies.shadow.command_comparison import MIN_TOLERANCE, comparison_of
 from twin.studies.shadow.deviations import is_identified
 from twin.studies.shadow.filter_steps import Columns, filter_outputs, shadow_of
 from twin.studies.shadow.following import own_controllers
@@ -167,15 +167,16 @@ def own_commands(twin: Experiment, samples: RobotSamples) -> Columns:
     """Run the twin's own controller on a robot's counts, and return the largest difference of its commands from the
     robot's; see `CommandComparison`.
 
-    Empty for a third-party controller, and for one with tasks: its point in the program depends on single samples, and
-    some are lost.
+    Empty without a comparison, see `comparison_of`.
     """
-    law = [] if twin.reference is None else own_controllers(twin)
+    comparison = comparison_of(twin)
+    if comparison is None:
+        return {}
     estimator = SampledSteps(Estimator(belief(twin), twin.controller.gravity_compensation))
-    rows = {"estimator": estimator.rows(samples.t, samples.u[:, :6])} if law else {}
-    for part in law:
+    rows = {"estimator": estimator.rows(samples.t, samples.u[:, :6])}
+    for part in own_controllers(twin):
         rows |= part.feed(samples, rows)
-    return CommandComparison(twin).feed(samples.t, rows)
+    return comparison.feed(samples.t, rows)
 
 
 def block_means(twin: Experiment, samples: RobotSamples) -> tuple[list[float], NDArray[np.float64]]:

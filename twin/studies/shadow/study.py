@@ -131,7 +131,7 @@ def shadow(
     from twin.robot.live.runs import live_server
     from twin.studies.replay.model import model_of
     from twin.studies.shadow.ahead import changed_experiments, session_branches
-    from twin.studies.shadow.command_comparison import CommandComparison
+    from twin.studies.shadow.command_comparison import comparison_of
     from twin.studies.shadow.deviations import DEAD_ZONE_KEY, NOT_IDENTIFIED, SPRING_KEY, is_identified
     from twin.studies.shadow.following import AlarmWatch, twin_of
     from twin.studies.shadow.live_view import ShadowViewer
@@ -166,10 +166,8 @@ def shadow(
             limits, why = _limits(fleet, experiment, settings, say)
         if not why:
             assert limits is not None
-            # a sequence of tasks goes on by single samples, and some are lost
-            commands = CommandComparison(loaded) if loaded.reference is not None else None
             reidentifier = Reidentifier(loaded, wait=not of_now)
-            watched = AlarmWatch(limits, false_alarms_per_hour, reidentifier, caution, commands)
+            watched = AlarmWatch(limits, false_alarms_per_hour, reidentifier, caution, comparison_of(loaded))
         beside, viewer = ahead.predicting_part if ahead else None, None
         twin = twin_of(loaded, model, robot.name, watched, adapt, beside, columns)
         if live:

@@ -34,6 +34,8 @@ PRESSING = (
     f"monitor.contact_time_limit_s={SECONDS + 60:g}",
 )  # fmt: skip
 """A press that holds its force from 5 s on."""
+MEETING = 2.0
+"""Within this time (s) two processes find each other across the lossy network; it takes 0.8 s."""
 NODE, TWIN = "twin-test-node", "twin-test-served"
 MAP = ROOT / "examples" / "served_robot.toml"
 ROLLING = (
@@ -87,6 +89,7 @@ def test_lost_commands_are_counted_and_the_force_is_held_without_a_trip(start: S
     samples, answers, again, span = map(int, node.communicate(timeout=60)[0].split())
     # from the first on, when the two have found each other on such a network, the node has every sample
     assert samples == round(1e-9 * span / PERIOD) + 1 <= served["samples"] and again == 0 and facts["trip"] == ""
+    assert served["samples"] - samples <= MEETING / PERIOD
     # those after the last answer that arrived cannot be known
     assert -2 <= answers - served["commands"] - served["unanswered"] <= 30
     # 5 % and 2 % of the rest
